@@ -1,0 +1,4 @@
+//! heliostat: a distributed-memory parallel ray tracer.
+
+pub mod error;
+pub mod output;

@@ -1,0 +1,3 @@
+//! Where data leaves: image files, comparison, progress, statistics and timelines.
+
+pub mod image;
