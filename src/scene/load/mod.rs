@@ -1,0 +1,1 @@
+//! Scene files in, [`Scene`](super::Scene) out: one file per format.

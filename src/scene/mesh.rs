@@ -1,0 +1,96 @@
+//! The large arrays of a scene: triangles, spheres and what is stored at vertices; and the mesh of one
+//! object before it is placed.
+
+use serde::{Deserialize, Serialize};
+
+/// "No such index" in a 32-bit index.
+pub const NONE: u32 = u32::MAX;
+
+/// How normals are used across a triangle (a sphere is always smooth).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Shading {
+    /// Normals interpolated, light computed at the hit (Phong 1975).
+    #[default]
+    Phong,
+    /// Light computed at the vertices and interpolated (Gouraud 1971); shadows still at the hit.
+    Gouraud,
+    /// One normal for each triangle.
+    Flat,
+}
+
+/// A run of primitives that share material and shading.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Part {
+    /// Its first primitive id; it ends where the next part begins.
+    pub first: u32,
+    pub material: u32,
+    pub shading: Shading,
+    /// The first of its vertices in `Surfaces::positions`.
+    pub vertices: u32,
+    /// Where its vertex normals begin in `Surfaces::normals`, or [`NONE`].
+    pub normals: u32,
+    /// Where its texture coordinates begin in `Surfaces::uvs`, or [`NONE`].
+    pub uvs: u32,
+    /// Where its vertex colours begin in `Surfaces::colors`, or [`NONE`].
+    pub colors: u32,
+}
+
+/// A sphere. Its f32 numbers are the truth, like a triangle's vertices.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Sphere {
+    pub center: [f32; 3],
+    pub radius: f32,
+}
+
+/// All primitives of a scene in stored space.
+#[derive(Clone, Debug, Default)]
+pub struct Surfaces {
+    pub positions: Vec<[f32; 3]>,
+    /// Three indices into `positions` for each triangle.
+    pub triangles: Vec<[u32; 3]>,
+    pub spheres: Vec<Sphere>,
+    /// Unit vertex normals of the parts that have them.
+    pub normals: Vec<[f32; 3]>,
+    /// Texture coordinates; v grows upwards.
+    pub uvs: Vec<[f32; 2]>,
+    /// Linear RGB vertex colours, which multiply kd.
+    pub colors: Vec<[f32; 3]>,
+}
+
+impl Surfaces {
+    /// Number of primitives: triangles, then spheres.
+    pub fn len(&self) -> usize {
+        self.triangles.len() + self.spheres.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The sphere of a primitive id, or `None` if it is a triangle.
+    #[inline]
+    pub fn sphere(&self, primitive: u32) -> Option<&Sphere> {
+        (primitive as usize).checked_sub(self.triangles.len()).map(|index| &self.spheres[index])
+    }
+
+    /// The three vertices of a triangle id.
+    #[inline]
+    pub fn triangle(&self, primitive: u32) -> [[f32; 3]; 3] {
+        self.triangles[primitive as usize].map(|index| self.positions[index as usize])
+    }
+}
+
+/// One mesh with one material, in the object's own space, before it is placed in the scene.
+///
+/// `normals`, `uvs` and `colors` are empty or hold one entry for each position.
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    pub positions: Vec<[f32; 3]>,
+    /// Three indices into `positions` for each triangle, in the order of the file.
+    pub triangles: Vec<[u32; 3]>,
+    pub normals: Vec<[f32; 3]>,
+    pub uvs: Vec<[f32; 2]>,
+    pub colors: Vec<[f32; 3]>,
+}

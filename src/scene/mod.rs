@@ -1,0 +1,59 @@
+//! What the user described, as flat arrays: surfaces, materials, lights, camera. Knows no accelerator,
+//! thread or rank.
+//!
+//! Primitive ids: triangles first, in the order of the file (`0 .. triangles.len()`), then spheres.
+
+pub mod build;
+pub mod camera;
+pub mod frame;
+pub mod light;
+pub mod load;
+pub mod material;
+pub mod mesh;
+pub mod normals;
+pub mod texture;
+
+use serde::{Deserialize, Serialize};
+
+pub use camera::Camera;
+pub use frame::Frame;
+pub use light::Light;
+pub use material::Material;
+pub use mesh::{Part, Shading, Surfaces};
+pub use texture::Texture;
+
+/// Linear RGB.
+pub type Color = [f64; 3];
+
+/// A complete scene in stored space (see [`Frame`]), ready to be traced.
+#[derive(Clone, Debug, Default)]
+pub struct Scene {
+    pub surfaces: Surfaces,
+    pub textures: Vec<Texture>,
+    pub header: SceneHeader,
+}
+
+/// The small part of a scene: everything that isn't a large array.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct SceneHeader {
+    pub camera: Camera,
+    pub lights: Vec<Light>,
+    pub materials: Vec<Material>,
+    /// Runs of primitives that share material and shading, ascending by `first`.
+    pub parts: Vec<Part>,
+    pub frame: Frame,
+    /// Radiance of a ray that hits nothing.
+    pub background: Color,
+    /// Ambient light of the scene, to which each light's own ambient colour is added.
+    pub ambient: Color,
+    /// `a` of the Sh tracer's closing blend, (1 - a) * colour + a, in [0, 1].
+    pub ambient_floor: f64,
+}
+
+impl Scene {
+    /// The part that owns a primitive id.
+    pub fn part(&self, primitive: u32) -> &Part {
+        let parts = &self.header.parts;
+        &parts[parts.partition_point(|part| part.first <= primitive) - 1]
+    }
+}

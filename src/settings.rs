@@ -1,0 +1,124 @@
+//! What was asked for, as plain validated values that every room may use.
+
+use serde::{Deserialize, Serialize};
+
+/// What the image depends on beside the scene: with the scene these decide every byte.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImageSettings {
+    /// Pixels, 1 ..= 65536 each.
+    pub width: u32,
+    pub height: u32,
+    /// The part that is rendered; the whole image by default.
+    pub crop: Crop,
+    /// Samples per pixel, 1 ..= 65536. One sample is taken at the pixel's centre.
+    pub spp: u32,
+    pub seed: u64,
+    pub integrator: Integrator,
+    /// Bounces after the eye ray; what lies beyond contributes nothing.
+    pub max_depth: u32,
+    /// A branch whose throughput is below this in every channel ends; 0 ends none.
+    pub min_weight: f64,
+    pub filter: Filter,
+    pub encoding: Encoding,
+}
+
+impl Default for ImageSettings {
+    fn default() -> Self {
+        ImageSettings {
+            width: 512,
+            height: 512,
+            crop: Crop { x0: 0, y0: 0, x1: 512, y1: 512 },
+            spp: 1,
+            seed: 0,
+            integrator: Integrator::Whitted,
+            max_depth: 8,
+            min_weight: 0.0,
+            filter: Filter::Box,
+            encoding: Encoding::Srgb,
+        }
+    }
+}
+
+/// Pixels x0 <= x < x1, y0 <= y < y1; row 0 is on top.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Crop {
+    pub x0: u32,
+    pub y0: u32,
+    pub x1: u32,
+    pub y1: u32,
+}
+
+impl Crop {
+    pub fn width(&self) -> u32 {
+        self.x1 - self.x0
+    }
+
+    pub fn height(&self) -> u32 {
+        self.y1 - self.y0
+    }
+}
+
+/// How light is carried from lights to the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Integrator {
+    /// Local illumination, shadows, mirror and refraction rays (Whitted 1980).
+    Whitted,
+}
+
+/// The pixel filter that samples are distributed by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Filter {
+    /// The pixel's square.
+    Box,
+    /// A pyramid of radius 1 pixel.
+    Tent,
+    /// Standard deviation 0.5 pixels, cut at radius 1.5.
+    Gaussian,
+    /// Mitchell and Netravali 1988, B = C = 1/3, radius 2.
+    Mitchell,
+}
+
+/// What the numbers of an 8-bit image mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Encoding {
+    Srgb,
+    Linear,
+}
+
+/// How the image is computed: nothing here changes a byte of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RunSettings {
+    pub accel: AccelKind,
+    pub split: Split,
+    /// Edge of a tile in pixels, 1 ..= 4096.
+    pub tile_size: u32,
+    /// Whether a timeline of phases and tiles is recorded.
+    pub timeline: bool,
+}
+
+impl Default for RunSettings {
+    fn default() -> Self {
+        RunSettings { accel: AccelKind::Bvh, split: Split::Tiles, tile_size: 32, timeline: false }
+    }
+}
+
+/// The structure that finds hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum AccelKind {
+    /// A bounding volume hierarchy.
+    Bvh,
+    /// Every primitive is tested: a check, not a way to render.
+    Brute,
+}
+
+/// How the image is divided among ranks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Split {
+    /// Rank 0 deals screen tiles on demand, the costliest first.
+    Tiles,
+}
