@@ -1,6 +1,8 @@
 //! heliostat: a distributed-memory parallel ray tracer.
 
+pub mod accel;
 pub mod error;
+pub mod geometry;
 pub mod output;
 pub mod scene;
 pub mod settings;

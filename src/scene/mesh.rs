@@ -69,10 +69,10 @@ impl Surfaces {
         self.len() == 0
     }
 
-    /// The sphere of a primitive id, or `None` if it is a triangle.
+    /// The sphere of a primitive id, or `None` if that is a triangle or no primitive.
     #[inline]
-    pub fn sphere(&self, primitive: u32) -> Option<&Sphere> {
-        (primitive as usize).checked_sub(self.triangles.len()).map(|index| &self.spheres[index])
+    pub fn sphere_at(&self, primitive: u32) -> Option<&Sphere> {
+        (primitive as usize).checked_sub(self.triangles.len()).and_then(|index| self.spheres.get(index))
     }
 
     /// The three vertices of a triangle id.
@@ -80,6 +80,12 @@ impl Surfaces {
     pub fn triangle(&self, primitive: u32) -> [[f32; 3]; 3] {
         self.triangles[primitive as usize].map(|index| self.positions[index as usize])
     }
+}
+
+/// Whether a triangle has an area: its corners don't lie on one line. One that has none is never hit.
+pub fn has_area(vertices: &[[f32; 3]; 3]) -> bool {
+    let [a, b, c] = vertices.map(|v| glam::DVec3::from(v.map(f64::from)));
+    (b - a).cross(c - a) != glam::DVec3::ZERO
 }
 
 /// One mesh with one material, in the object's own space, before it is placed in the scene.
