@@ -4,5 +4,7 @@ pub mod accel;
 pub mod error;
 pub mod geometry;
 pub mod output;
+pub mod render;
 pub mod scene;
 pub mod settings;
+pub mod transport;
