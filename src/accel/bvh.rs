@@ -33,8 +33,6 @@ const SHALLOW: usize = 64;
 impl Bvh {
     /// Builds over all primitives but triangles without area.
     pub fn build(surfaces: &Surfaces) -> Bvh {
-        let boxes: Vec<Aabb> =
-            (0..surfaces.len() as u32).into_par_iter().map(|id| bound(surfaces, id)).collect();
         let ids: Vec<u32> = (0..surfaces.len() as u32)
             .into_par_iter()
             .filter(|&id| surfaces.sphere_at(id).is_some() || has_area(&surfaces.triangle(id)))
@@ -42,18 +40,20 @@ impl Bvh {
         if ids.is_empty() {
             return Bvh::default();
         }
+        let boxes: Vec<Aabb> = ids.par_iter().map(|&id| bound(surfaces, id)).collect();
         let preset = BvhBuildParams::fast_build();
-        let mut tree = PlocBuilder::with_capacity(ids.len()).build(
+        let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
             preset.ploc_search_distance,
             &boxes,
-            ids,
+            (0..boxes.len() as u32).collect(),
             preset.sort_precision,
             preset.search_depth_threshold,
         );
         drop(boxes);
         ReinsertionOptimizer::default().run(&mut tree, preset.reinsertion_batch_ratio, None);
         collapse(&mut tree, PRIMITIVES_PER_LEAF, preset.collapse_traversal_cost);
-        let mut bvh = Bvh { nodes: tree.nodes, primitives: tree.primitive_indices, depth: 0, extent: 0.0 };
+        let primitives = tree.primitive_indices.iter().map(|&index| ids[index as usize]).collect();
+        let mut bvh = Bvh { nodes: tree.nodes, primitives, depth: 0, extent: 0.0 };
         bvh.depth = bvh.measure_depth();
         let root = &bvh.nodes[0];
         bvh.extent = f64::from(root.min.abs().max(root.max.abs()).max_element());
