@@ -9,7 +9,7 @@ use ::exr::meta::header::{Header, LayerAttributes};
 use ::exr::prelude::{Compression, ReadChannels, ReadLayers, ReadSpecificChannel, Vec2, WritableImage, read};
 
 use super::image::Image;
-use super::read::{Broken, check_size, pixel_buffer};
+use super::read::{Broken, MAX_FILE_BYTES, check_size, pixel_buffer};
 use super::write::WriteOptions;
 
 /// Stands before every metadata key, so that none meets one of OpenEXR's own attributes.
@@ -83,11 +83,7 @@ fn utf8(text: &str) -> Text {
 pub(super) fn decode(bytes: &[u8]) -> Result<Image, Broken> {
     let reader = Reader::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
     for header in reader.headers() {
-        let size = header.layer_size;
-        check_size(size.x() as u64, size.y() as u64, bytes.len(), MAX_PIXELS_PER_BYTE)?;
-        if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
-            return Err(Broken("its channels are subsampled, which isn't supported".into()));
-        }
+        check_header(header, bytes.len())?;
     }
     let has = |header: &Header, name: &str| header.channels.list.iter().any(|c| c.name.eq(name));
     let rgb = |header: &Header| ["R", "G", "B"].iter().all(|name| has(header, name));
@@ -137,6 +133,30 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Image, Broken> {
             .map(|image| image.layer_data.channel_data.pixels)
     }
     .map_err(broken)
+}
+
+/// Refuses what the crate would take on trust: sizes that the file can't fill, channels of other sizes
+/// than the image's, and the compressions whose decoders panic or allocate without bound on damaged
+/// data (all of them lossy).
+fn check_header(header: &Header, file_bytes: usize) -> Result<(), Broken> {
+    let (width, height) = (header.layer_size.x() as u64, header.layer_size.y() as u64);
+    check_size(width, height, file_bytes, MAX_PIXELS_PER_BYTE)?;
+    let unpacked = (width * height).saturating_mul(header.channels.bytes_per_pixel as u64);
+    if unpacked > MAX_FILE_BYTES {
+        return Err(Broken(format!("it unpacks to {unpacked} bytes, more than {MAX_FILE_BYTES}")));
+    }
+    if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
+        return Err(Broken("its channels are subsampled, which isn't supported".into()));
+    }
+    match header.compression {
+        Compression::Uncompressed
+        | Compression::RLE
+        | Compression::ZIP1
+        | Compression::ZIP16
+        | Compression::PIZ
+        | Compression::PXR24 => Ok(()),
+        other => Err(Broken(format!("{other} isn't supported, save it with ZIP or PIZ"))),
+    }
 }
 
 fn broken(error: ::exr::error::Error) -> Broken {
@@ -189,6 +209,24 @@ mod tests {
             let options =
                 WriteOptions { metadata: vec![(key.to_string(), "v".into())], ..WriteOptions::default() };
             assert!(encode(&Image::new(1, 1), &options, &mut Cursor::new(Vec::new())).is_err(), "{key:?}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_read_safely_is_refused() {
+        let image = |at: Vec2<usize>| (at.x() as f32, 0.0f32, 1.0f32);
+        for (compression, readable) in [(Compression::PIZ, true), (Compression::B44, false)] {
+            let encoding = image::Encoding { compression, ..image::Encoding::SMALL_LOSSLESS };
+            let layer =
+                Layer::new((9, 5), LayerAttributes::default(), encoding, SpecificChannels::rgb(image));
+            let mut bytes = Cursor::new(Vec::new());
+            image::Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).unwrap();
+            match decode(&bytes.into_inner()) {
+                Ok(image) => assert!(readable && image.pixels[44] == [8.0, 0.0, 1.0]),
+                Err(Broken(message)) => {
+                    assert!(!readable && message.starts_with("b44 compression"), "{message}")
+                }
+            }
         }
     }
 

@@ -11,8 +11,8 @@ use crate::error::{self, Error};
 
 /// Most pixels that are read: 16384 × 16384.
 pub const MAX_PIXELS: u64 = 1 << 28;
-/// Longest file that is read: `MAX_PIXELS` of uncompressed f32 RGBA, and some more.
-const MAX_FILE_BYTES: u64 = 5 << 30;
+/// Longest file that is read, packed and unpacked: `MAX_PIXELS` of f32 RGBA, and some more.
+pub(super) const MAX_FILE_BYTES: u64 = 5 << 30;
 
 /// What is wrong with a file's bytes.
 #[derive(Debug)]
