@@ -21,8 +21,8 @@ pub struct Comparison {
     pub height: u32,
     /// √ mean (t − r)².
     pub rmse: f64,
-    /// mean (t − r)² / (r² + ε), ε = [`RELATIVE_EPSILON`] (Rousselle et al. 2011, eq. 5, there with t and r of
-    /// a pixel's mean).
+    /// mean (t − r)² / (r² + ε), ε = [`RELATIVE_EPSILON`]: errors count by how bright the reference is
+    /// (after Rousselle, Knaus and Zwicker 2011).
     pub rel_mse: f64,
     /// −20 log₁₀ RMSE in decibels: the peak is 1. Infinite for equal images.
     pub psnr: f64,

@@ -2,7 +2,9 @@
 
 use std::io::{self, Cursor, Write};
 
-use ::png::{BitDepth, ColorType, Decoder, Encoder, ScaledFloat, SrgbRenderingIntent, Transformations};
+use ::png::{
+    BitDepth, ColorType, Compression, Decoder, Encoder, ScaledFloat, SrgbRenderingIntent, Transformations,
+};
 
 use super::image::{Encoding, Image};
 use super::read::{Broken, check_size, pixel_buffer};
@@ -15,6 +17,8 @@ pub fn encode(image: &Image, options: &WriteOptions, writer: &mut impl Write) ->
     let mut encoder = Encoder::new(writer, image.width, image.height);
     encoder.set_color(ColorType::Rgb);
     encoder.set_depth(BitDepth::Eight);
+    // A quarter of the default's time for files of the same size: rank 0 writes while the others wait.
+    encoder.set_compression(Compression::Fast);
     match options.encoding {
         Encoding::Srgb => encoder.set_source_srgb(SrgbRenderingIntent::Perceptual),
         Encoding::Linear => encoder.set_source_gamma(ScaledFloat::new(1.0)),
