@@ -3,6 +3,7 @@
 pub mod accel;
 pub mod error;
 pub mod geometry;
+pub mod image;
 pub mod output;
 pub mod render;
 pub mod scene;

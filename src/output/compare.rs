@@ -5,9 +5,9 @@ use std::fmt;
 use flip_rs::{DEFAULT_PPD, RgbImage, ldr_flip};
 use serde::Serialize;
 
-use super::image::Image;
 use super::transfer::srgb_from_linear;
 use crate::error::{Error, Result};
+use crate::image::Image;
 
 /// Keeps relMSE finite in black pixels.
 pub const RELATIVE_EPSILON: f64 = 1e-2;

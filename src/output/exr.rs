@@ -8,9 +8,9 @@ use ::exr::meta::attribute::{AttributeValue, LineOrder, Text};
 use ::exr::meta::header::{Header, LayerAttributes};
 use ::exr::prelude::{Compression, ReadChannels, ReadLayers, ReadSpecificChannel, Vec2, WritableImage, read};
 
-use super::image::Image;
 use super::read::{Broken, MAX_FILE_BYTES, check_size, pixel_buffer};
 use super::write::WriteOptions;
+use crate::image::Image;
 
 /// Stands before every metadata key, so that none meets one of OpenEXR's own attributes.
 pub const KEY_PREFIX: &str = "heliostat:";

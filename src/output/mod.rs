@@ -6,7 +6,7 @@
 pub mod compare;
 pub mod exr;
 pub mod file;
-pub mod image;
+pub mod metadata;
 pub mod pfm;
 pub mod png;
 pub mod progress;

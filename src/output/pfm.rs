@@ -4,8 +4,8 @@
 
 use std::io::{self, Write};
 
-use super::image::Image;
 use super::read::{Broken, check_size, pixel_buffer};
+use crate::image::Image;
 
 /// Writes a colour PFM, little endian.
 pub fn encode(image: &Image, writer: &mut impl Write) -> io::Result<()> {

@@ -6,10 +6,11 @@ use ::png::{
     BitDepth, ColorType, Compression, Decoder, Encoder, ScaledFloat, SrgbRenderingIntent, Transformations,
 };
 
-use super::image::{Encoding, Image};
 use super::read::{Broken, check_size, pixel_buffer};
 use super::transfer::{linear_from_srgb, quantize};
 use super::write::WriteOptions;
+use crate::image::Image;
+use crate::settings::Encoding;
 
 /// Writes 8-bit RGB. sRGB values carry an sRGB chunk, linear ones gAMA 1.0; metadata become tEXt
 /// chunks, or iTXt where Latin-1 can't hold them.

@@ -5,9 +5,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use super::image::Image;
 use super::{exr, pfm, png};
 use crate::error::{self, Error};
+use crate::image::Image;
 
 /// Most pixels that are read: 16384 × 16384.
 pub const MAX_PIXELS: u64 = 1 << 28;
@@ -75,9 +75,9 @@ pub(super) fn pixel_buffer(width: u64, height: u64) -> Result<Vec<[f32; 3]>, Bro
 
 #[cfg(test)]
 mod tests {
-    use super::super::image::Encoding;
     use super::super::write::{Format, WriteOptions, encode};
     use super::*;
+    use crate::settings::Encoding;
 
     /// A small picture with some structure, so that compressors do something.
     fn picture() -> Image {

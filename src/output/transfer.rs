@@ -5,7 +5,7 @@
 
 use std::sync::LazyLock;
 
-use super::image::Encoding;
+use crate::settings::Encoding;
 
 /// Display value of a linear value (IEC 61966-2-1); not clamped.
 pub fn srgb_from_linear(linear: f64) -> f64 {

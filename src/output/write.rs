@@ -5,9 +5,10 @@ use std::fmt;
 use std::io::{self, Cursor, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
-use super::image::{Encoding, Image};
 use super::{exr, file, pfm, png};
 use crate::error::{Error, Result};
+use crate::image::Image;
+use crate::settings::Encoding;
 
 /// The image formats that can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 use super::tile::Tile;
 use crate::error::{Error, Result};
 use crate::geometry::record::RayRecord;
-use crate::output::image::Image;
+use crate::image::Image;
 use crate::scene::Color;
 use crate::settings::Crop;
 

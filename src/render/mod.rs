@@ -5,8 +5,10 @@ pub mod film;
 pub mod filter;
 pub mod tile;
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use crate::accel::Accel;
-use crate::geometry::record::{Answer, Origin, RayRecord};
+use crate::geometry::record::{Answer, RayRecord};
 use crate::scene::{Color, Scene};
 use crate::settings::ImageSettings;
 use crate::transport::sampler::film_position;
@@ -18,8 +20,24 @@ use tile::Tile;
 /// Records traced at once: enough to be worth a batch, few enough for the second-level cache.
 const BATCH: usize = 1024;
 
-/// Rays by what made them, indexed by [`Origin`].
+/// Rays by what made them, in the order of [`RayRecord::ORIGINS`].
 pub type RayCounts = [u64; RayRecord::ORIGINS.len()];
+
+/// Rays counted by many threads.
+#[derive(Debug, Default)]
+pub struct RayTally([AtomicU64; RayRecord::ORIGINS.len()]);
+
+impl RayTally {
+    pub fn add(&self, rays: &RayCounts) {
+        for (sum, rays) in self.0.iter().zip(rays) {
+            sum.fetch_add(*rays, Ordering::Relaxed);
+        }
+    }
+
+    pub fn counts(&self) -> RayCounts {
+        std::array::from_fn(|kind| self.0[kind].load(Ordering::Relaxed))
+    }
+}
 
 /// Everything that a thread needs to render any tile.
 pub struct Renderer<'a> {
@@ -39,6 +57,11 @@ impl<'a> Renderer<'a> {
     /// Planes of each pixel of the film.
     pub fn planes(&self) -> usize {
         self.filter.planes()
+    }
+
+    /// See `Film::resolve`.
+    pub fn negative_mass(&self) -> f64 {
+        self.filter.negative_mass()
     }
 
     /// Renders all samples of one tile. Pure: the same deposits on any rank and thread.
@@ -105,6 +128,3 @@ impl Sink for Split<'_> {
         self.film.deposit(record, radiance);
     }
 }
-
-/// The order of [`RayCounts`].
-pub const RAY_KINDS: [Origin; 4] = RayRecord::ORIGINS;

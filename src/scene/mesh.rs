@@ -1,6 +1,7 @@
 //! The large arrays of a scene: triangles, spheres and what is stored at vertices; and the mesh of one
 //! object before it is placed.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// "No such index" in a 32-bit index.
@@ -75,6 +76,17 @@ impl Surfaces {
         (primitive as usize).checked_sub(self.triangles.len()).and_then(|index| self.spheres.get(index))
     }
 
+    /// Lower and upper corner of everything, or `None` if there is nothing.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let point = |p: [f32; 3]| DVec3::from(p.map(f64::from));
+        let points = self.positions.iter().map(|&p| (point(p), 0.0));
+        let spheres = self.spheres.iter().map(|s| (point(s.center), f64::from(s.radius)));
+        points
+            .chain(spheres)
+            .map(|(center, radius)| (center - radius, center + radius))
+            .reduce(|(low, high), (l, h)| (low.min(l), high.max(h)))
+    }
+
     /// The three vertices of a triangle id.
     #[inline]
     pub fn triangle(&self, primitive: u32) -> [[f32; 3]; 3] {
@@ -84,8 +96,8 @@ impl Surfaces {
 
 /// Whether a triangle has an area: its corners don't lie on one line. One that has none is never hit.
 pub fn has_area(vertices: &[[f32; 3]; 3]) -> bool {
-    let [a, b, c] = vertices.map(|v| glam::DVec3::from(v.map(f64::from)));
-    (b - a).cross(c - a) != glam::DVec3::ZERO
+    let [a, b, c] = vertices.map(|v| DVec3::from(v.map(f64::from)));
+    (b - a).cross(c - a) != DVec3::ZERO
 }
 
 /// One mesh with one material, in the object's own space, before it is placed in the scene.

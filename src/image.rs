@@ -1,7 +1,5 @@
 //! A finished image in memory: linear RGB, row 0 on top. Knows nothing of files or films.
 
-use serde::{Deserialize, Serialize};
-
 /// A rectangle of linear RGB pixels, `pixels[y * width + x]`, row 0 on top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -15,15 +13,4 @@ impl Image {
     pub fn new(width: u32, height: u32) -> Self {
         Image { width, height, pixels: vec![[0.0; 3]; width as usize * height as usize] }
     }
-}
-
-/// How linear values become the integers of a display format (PNG). EXR and PFM are always linear.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, clap::ValueEnum)]
-#[serde(rename_all = "lowercase")]
-pub enum Encoding {
-    /// The piecewise sRGB curve, what viewers expect.
-    #[default]
-    Srgb,
-    /// No curve.
-    Linear,
 }
