@@ -7,7 +7,6 @@
 
 use std::cell::{Cell, RefCell};
 use std::os::raw::c_int;
-use std::ptr;
 
 use mpi::environment::{Threading, Universe};
 use mpi::ffi;
