@@ -101,6 +101,7 @@ install_by_apt() {
 
 install_by_pip() {
     local wheels=()
+    have cc && have python3 || return
     have_mpi || wheels+=(mpich)
     have_libclang || wheels+=(libclang)
     say "installing Python wheels into $venv: ${wheels[*]}"
@@ -110,15 +111,15 @@ install_by_pip() {
 # Leaves MPICC, MPIRUN and what bindgen needs in the environment.
 need_mpi() {
     complete || use_venv || {
-        if [[ $(id -u) == 0 ]] && have apt-get; then install_by_apt; else have cc && have python3 && install_by_pip; fi
+        { [[ $(id -u) == 0 ]] && have apt-get && install_by_apt; } || install_by_pip || true
         hash -r
-        complete || use_venv
-    } || true
-    complete || die "can't go on without$(missing). Install it by one of:
-    apt-get install gcc openmpi-bin libopenmpi-dev libclang-dev     # as root, Debian or Ubuntu; this script does it when root runs it
-    apt-get install gcc python3-venv                                # then this script gets the rest from PyPI, without root
-    module load gcc openmpi                                         # on a cluster, or however its own MPI is loaded
-and run this again. An MPI elsewhere: MPICC=/path/to/mpicc MPIRUN=/path/to/mpirun; libclang elsewhere: LIBCLANG_PATH=/its/folder."
+        complete || use_venv || true
+    }
+    complete || die "missing:$(missing). One of these mends it:
+    apt-get install gcc libc6-dev openmpi-bin libopenmpi-dev libclang-dev   # Debian, Ubuntu; done by itself if you run this as root
+    apt-get install gcc libc6-dev python3-venv                              # the rest then comes from PyPI by itself, without root
+    module load openmpi                                                     # on a cluster: its own MPI, whatever its module's name is
+An MPI elsewhere: MPICC=/path/to/mpicc MPIRUN=/path/to/mpirun. libclang elsewhere: LIBCLANG_PATH=/its/folder."
     # Without the headers of its own that libclang wants, the C compiler's serve.
     BINDGEN_EXTRA_CLANG_ARGS="${BINDGEN_EXTRA_CLANG_ARGS:-} -idirafter $(cc -print-file-name=include)"
     export BINDGEN_EXTRA_CLANG_ARGS
@@ -126,10 +127,10 @@ and run this again. An MPI elsewhere: MPICC=/path/to/mpicc MPIRUN=/path/to/mpiru
 }
 
 missing() {
-    have cc || printf ' a C compiler (cc),'
-    have "${MPICC:-mpicc}" || printf ' %s,' "${MPICC:-mpicc}"
-    have_mpi || printf ' %s,' "${MPIRUN:-mpirun}"
-    have_libclang || printf ' libclang,'
+    have cc || printf ' %s' 'cc (a C compiler)'
+    have "${MPICC:-mpicc}" || printf ' %s' "${MPICC:-mpicc}"
+    have_mpi || have "${MPIRUN:-mpirun}" || printf ' %s' "${MPIRUN:-mpirun}"
+    have_libclang || printf ' %s' libclang
 }
 
 # Tells the launchers apart, and sets what depends on it: `launcher`, the command up to -n, and
