@@ -22,7 +22,8 @@ pub struct Terrain {
     pub extent: f64,
     /// No point is farther than this from y = 0; most are within a third of it.
     pub height: f64,
-    /// Octaves of noise, 1 ..= MAX_OCTAVES, each twice as fine as the one before.
+    /// Octaves of noise, 1 ..= MAX_OCTAVES, each twice as fine as the one before. Those too fine for the cells are
+    /// left out.
     pub octaves: u32,
     /// Weight of an octave relative to the one before, in [0, 1].
     pub roughness: f64,
@@ -56,7 +57,7 @@ impl Terrain {
         // and sine 3/5, lest the zeros of all octaves fall together.
         let mut to_lattice = [[frequency, 0.0], [0.0, frequency]];
         let (mut sum, mut slope, mut weight, mut total) = (0.0, [0.0; 2], 1.0, 0.0);
-        for octave in 0..self.octaves {
+        for octave in 0..self.visible_octaves() {
             let [[a, b], [c, d]] = to_lattice;
             let (value, [du, dv]) =
                 gradient_noise(a * x + c * z, b * x + d * z, hash(self.seed ^ hash(u64::from(octave))));
@@ -69,6 +70,12 @@ impl Terrain {
         }
         let scale = self.height / total;
         (sum * scale, slope.map(|s| s * scale))
+    }
+
+    /// The octaves whose noise has at least two cells between its zeros: the rest would be seen as spikes.
+    fn visible_octaves(&self) -> u32 {
+        let finest = libm::log2(f64::from(self.cells) / (2.0 * FEATURES)).floor().max(0.0);
+        self.octaves.min(1 + finest as u32)
     }
 
     /// Vertex (i, j), 0 ..= cells each, i along x and j along z.
@@ -126,7 +133,7 @@ fn gradient_noise(u: f64, v: f64, seed: u64) -> (f64, [f64; 2]) {
     let (fu, fv) = (u - iu, v - iv);
     let (iu, iv) = (iu as i64, iv as i64);
     let corner = |du: i64, dv: i64| {
-        let bits = hash(seed ^ hash((iu + du) as u64 ^ hash((iv + dv) as u64)));
+        let bits = hash(seed ^ hash(iu.wrapping_add(du) as u64 ^ hash(iv.wrapping_add(dv) as u64)));
         let signed = |half: u32| f64::from(half as i32) * (1.0 / 2_147_483_648.0);
         let gradient = [signed(bits as u32), signed((bits >> 32) as u32)];
         (gradient[0] * (fu - du as f64) + gradient[1] * (fv - dv as f64), gradient)
