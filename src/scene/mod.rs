@@ -6,6 +6,7 @@
 pub mod build;
 pub mod camera;
 pub mod frame;
+pub mod generate;
 pub mod light;
 pub mod load;
 pub mod material;
