@@ -1,0 +1,272 @@
+//! The program as a user meets it: good commands, wrong ones, and what they leave behind.
+
+mod common;
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use common::repository;
+
+fn heliostat(folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_heliostat"));
+    command.current_dir(folder).args(arguments).env_remove("HELIOSTAT_OUTPUT");
+    command.output().expect("the program starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn scene(name: &str) -> String {
+    repository().join("scenes").join(name).display().to_string()
+}
+
+/// Fails, says one thing on standard error that holds each of `hints`, prints nothing else and writes nothing.
+fn refuses(arguments: &[&str], code: i32, hints: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    refuses_in(folder.path(), arguments, code, hints);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "{arguments:?} left files");
+}
+
+fn refuses_in(folder: &Path, arguments: &[&str], code: i32, hints: &[&str]) {
+    let output = heliostat(folder, arguments);
+    let error = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {error}");
+    assert!(error.starts_with("heliostat: "), "{error}");
+    assert!(!error.contains("panicked"), "{error}");
+    for hint in hints {
+        assert!(error.contains(hint), "{arguments:?}: no {hint:?} in {error}");
+    }
+    assert!(output.stdout.is_empty());
+}
+
+#[test]
+fn renders_under_the_scenes_name_by_default() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = heliostat(folder.path(), &["render", &scene("orthographic.toml"), "--width", "32"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(output.stdout.is_empty());
+    assert!(text(&output.stderr).contains("wrote orthographic.png"));
+    let names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(names, ["orthographic.png"]);
+}
+
+#[test]
+fn formats_hold_the_same_image_and_files_are_the_same_bytes_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let spheres = scene("orthographic.toml");
+    let flags = ["render", &spheres, "--width", "40", "--spp", "3", "-q"];
+    let run = |outputs: &[&str], more: &[&str]| {
+        let arguments: Vec<&str> =
+            flags.iter().copied().chain(outputs.iter().flat_map(|o| ["-o", o])).chain(more.iter().copied()).collect();
+        let output = heliostat(folder.path(), &arguments);
+        assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output.stderr));
+        output.stdout
+    };
+    run(&["a.png", "a.exr", "a.pfm"], &["--threads", "1"]);
+    let piped = run(&["-", "b.exr", "b.PFM"], &["--threads", "2", "--tile-size", "7"]);
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert_eq!(piped, read("a.png"));
+    assert_eq!(read("a.exr"), read("b.exr"));
+    assert_eq!(read("a.pfm"), read("b.PFM"));
+    let compare = |a: &str, b: &str, limit: &str| {
+        heliostat(folder.path(), &["compare", a, b, "--max-difference", limit]).status.code()
+    };
+    assert_eq!(compare("a.exr", "b.PFM", "0"), Some(0));
+    assert_eq!(compare("a.exr", "a.png", "0.2"), Some(0));
+    run(&["other.png"], &["--seed", "5", "--max-depth", "0"]);
+    assert_eq!(compare("a.png", "other.png", "0.0001"), Some(1));
+    let error = text(&heliostat(folder.path(), &["compare", "a.png", "other.png", "--max-rmse", "0"]).stderr);
+    assert!(error.contains("other.png differs too much: RMSE"), "{error}");
+}
+
+#[test]
+fn wrong_flags_are_usage_errors() {
+    let spheres = scene("orthographic.toml");
+    refuses(&["render"], 2, &["<SCENE>"]);
+    refuses(&["rendr"], 2, &["rendr"]);
+    refuses(&["render", &spheres, "--widht", "3"], 2, &["--widht", "--width"]);
+    refuses(&["render", &spheres, "--width", "0"], 2, &["--width", "1..=65536"]);
+    refuses(&["render", &spheres, "--spp", "x"], 2, &["--spp"]);
+    refuses(&["render", &spheres, "--accel", "kd"], 2, &["--accel", "bvh", "brute"]);
+    refuses(&["render", &spheres, "--crop", "4,4,2,9"], 2, &["--crop", "X0 < X1"]);
+    refuses(&["render", &spheres, "--crop", "0,0,9999,9"], 2, &["--crop", "9999"]);
+    refuses(&["render", &spheres, "-o", "image.gif"], 2, &["image.gif", ".png"]);
+    refuses(&["render", &spheres, "--width", "65536", "--height", "65536"], 2, &["--width", "2^32"]);
+    refuses(&["render", &spheres, "-q", "-v"], 2, &["--quiet", "--verbose"]);
+    refuses(&["compare", "a.png"], 2, &["<TEST>"]);
+}
+
+#[test]
+fn missing_and_unwritable_files_are_named() {
+    let spheres = scene("orthographic.toml");
+    refuses(&["render", "nowhere.toml"], 1, &["nowhere.toml", "check the path"]);
+    refuses(&["render", "nowhere.obj"], 1, &["nowhere.obj", "check the path"]);
+    refuses(&["render", "scene.blend"], 1, &["scene.blend", ".toml"]);
+    refuses(&["validate", "nowhere.toml"], 1, &["nowhere.toml"]);
+    refuses(&["info", "nowhere.toml"], 1, &["nowhere.toml"]);
+    refuses(&["render", &spheres, "-o", "no/such/folder/a.png"], 1, &["no/such/folder", "folder"]);
+    refuses(&["render", &spheres, "--stats", "no/such/stats.json"], 1, &["no/such"]);
+    refuses(&["compare", "a.png", "b.png"], 1, &["a.png"]);
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("taken.png")).unwrap();
+    refuses_in(folder.path(), &["render", &spheres, "-o", "taken.png"], 1, &["taken.png"]);
+}
+
+#[test]
+fn broken_scenes_name_file_and_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, content: &str| std::fs::write(folder.path().join(name), content).unwrap();
+    write("key.toml", "[camera]\nposition = [0, 0, 5]\nlook_at = [0, 0, 0]\nfow = 40\n");
+    refuses_in(folder.path(), &["render", "key.toml"], 1, &["key.toml:4", "fow"]);
+    write("size.toml", "[render]\nwidth = 0\n");
+    refuses_in(folder.path(), &["render", "size.toml"], 1, &["size.toml:2", "width"]);
+    write("nan.obj", "v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n");
+    refuses_in(folder.path(), &["render", "nan.obj"], 1, &["nan.obj:2"]);
+    write("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n");
+    refuses_in(folder.path(), &["render", "index.obj"], 1, &["index.obj:4", "9"]);
+    std::fs::write(folder.path().join("bytes.toml"), [0xff, 0xfe, 0x00, 0x80]).unwrap();
+    refuses_in(folder.path(), &["render", "bytes.toml"], 1, &["bytes.toml"]);
+    std::fs::write(folder.path().join("noise.png"), b"\x89PNG\r\n\x1a\nnoise").unwrap();
+    refuses_in(folder.path(), &["compare", "noise.png", "noise.png"], 1, &["noise.png"]);
+}
+
+#[test]
+fn a_bare_model_is_framed_and_lit() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("tent.obj"),
+        "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nv 0 1 0\nf 1 2 5\nf 2 3 5\nf 3 4 5\nf 4 1 5\nf 4 3 2 1\n",
+    )
+    .unwrap();
+    let output = heliostat(folder.path(), &["render", "tent.obj", "--width", "48", "--height", "40", "-q"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let image = heliostat::output::read::read(&folder.path().join("tent.png")).unwrap();
+    let corner = image.pixels[0];
+    let center = image.pixels[20 * 48 + 24];
+    assert_ne!(center, corner, "the model fills the middle");
+    assert!(center.iter().all(|&c| c > 0.02), "the model is lit: {center:?}");
+    for edge in [24, 20 * 48, 20 * 48 + 47, 39 * 48 + 24] {
+        assert_eq!(image.pixels[edge], corner, "the whole model is seen, with a margin");
+    }
+}
+
+#[test]
+fn reports_are_written_and_hold_what_they_promise() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments = [
+        "render", &scene("glass.toml"), "--width", "30", "--height", "20", "--threads", "2", "-v", "--progress", "json",
+        "--stats", "stats.json", "--timeline", "timeline.json", "-o", "a.png",
+    ];
+    let output = heliostat(folder.path(), &arguments);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let json = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(folder.path().join(name)).unwrap()).unwrap()
+    };
+    let stats = json("stats.json");
+    let rank = &stats["ranks"][0];
+    assert_eq!(rank["rays"]["camera"], 600);
+    assert!(rank["rays"]["refraction"].as_u64().unwrap() > 0 && rank["rays"]["shadow"].as_u64().unwrap() > 0);
+    assert_eq!(rank["threads"], 2);
+    for phase in ["load", "build", "broadcast", "trace", "gather", "write"] {
+        assert!(rank["seconds"][phase].as_f64().unwrap() >= 0.0, "{phase}");
+    }
+    let timeline = json("timeline.json");
+    let events = timeline["traceEvents"].as_array().unwrap();
+    for name in ["load", "build", "prepass", "tile", "write"] {
+        assert!(events.iter().any(|event| event["name"] == name), "no {name}");
+    }
+    let error = text(&output.stderr);
+    assert!(error.lines().any(|line| line.starts_with('{')), "{error}");
+    assert!(error.contains("max_depth: ") && error.contains("rank 0: 2 threads"), "{error}");
+}
+
+#[test]
+fn the_environment_sets_flags_and_flags_win() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |name: &str, arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_heliostat"))
+            .current_dir(folder.path())
+            .args(["render", &scene("orthographic.toml"), "-q", "-o", name])
+            .args(arguments)
+            .env("HELIOSTAT_WIDTH", "24")
+            .env("HELIOSTAT_HEIGHT", "10")
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let image = heliostat::output::read::read(&folder.path().join(name)).unwrap();
+        (image.width, image.height)
+    };
+    assert_eq!(run("a.png", &[]), (24, 10));
+    assert_eq!(run("b.png", &["--width", "12"]), (12, 10));
+}
+
+#[test]
+fn images_tell_how_they_were_made_but_not_where() {
+    let folder = tempfile::tempdir().unwrap();
+    let arguments =
+        ["render", &scene("orthographic.toml"), "--width", "16", "--seed", "99", "-q", "-o", "a.png", "-o", "a.exr"];
+    assert!(heliostat(folder.path(), &arguments).status.success());
+    for name in ["a.png", "a.exr"] {
+        let bytes = text(&std::fs::read(folder.path().join(name)).unwrap());
+        for part in ["heliostat ", "seed", "99", "max_depth", "whitted"] {
+            assert!(bytes.contains(part), "no {part:?} in {name}");
+        }
+        assert!(!bytes.contains("orthographic"), "{name} holds a path");
+    }
+}
+
+#[test]
+fn help_names_every_environment_twin_and_other_commands_print() {
+    let folder = tempfile::tempdir().unwrap();
+    let stdout = |arguments: &[&str]| {
+        let output = heliostat(folder.path(), arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let help = stdout(&["render", "--help"]);
+    let twins = help.matches("[env: HELIOSTAT_").count();
+    let flags = help.lines().filter(|line| line.trim_start().starts_with('-') && line.contains("--")).count();
+    // All but --help have one.
+    assert_eq!(twins, flags - 1, "{help}");
+    assert!(stdout(&["--version"]).starts_with("heliostat "));
+    assert!(stdout(&["completions", "bash"]).contains("--tile-size"));
+    assert!(stdout(&["man"]).contains(".TH heliostat"));
+    assert!(stdout(&["validate", &scene("teapot.toml"), &scene("cornell.toml")]).lines().count() == 2);
+    let info: serde_json::Value = serde_json::from_str(&stdout(&["info", &scene("sphereflake.toml"), "--json"])).unwrap();
+    assert!(info["spheres"].as_u64().unwrap() >= 7381);
+    stdout(&["man", "--dir", "."]);
+    assert!(folder.path().join("heliostat-render.1").is_file());
+}
+
+/// Every model that others' readers stumbled over renders, or is refused with its name.
+#[test]
+fn nasty_models_render_or_are_refused() {
+    let Some(data) = common::shared_data() else { return };
+    let mut waiting = vec![data.join("nasty")];
+    let folder = tempfile::tempdir().unwrap();
+    let (mut rendered, mut refused) = (0, 0);
+    while let Some(path) = waiting.pop() {
+        if path.is_dir() {
+            waiting.extend(std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()));
+            continue;
+        }
+        if path.extension().is_none_or(|extension| extension != "obj") {
+            continue;
+        }
+        let model = path.display().to_string();
+        let output = heliostat(folder.path(), &["render", &model, "--width", "16", "-q", "-o", "a.png"]);
+        let error = text(&output.stderr);
+        match output.status.code() {
+            Some(0) => rendered += 1,
+            Some(1) => {
+                let file = path.file_name().unwrap().to_string_lossy();
+                assert!(error.contains(&*file) && error.lines().count() == 1, "{error}");
+                refused += 1;
+            }
+            code => panic!("{model}: {code:?} {error}"),
+        }
+    }
+    println!("{rendered} rendered, {refused} refused");
+    assert!(rendered > 50 && refused > 10, "{rendered} rendered, {refused} refused");
+}
