@@ -15,6 +15,10 @@ pub enum Error {
     #[error("{flag}: {what}; {mend}")]
     Usage { flag: String, what: String, mend: String },
 
+    /// Flags that can't be understood, explained in full by their parser.
+    #[error("{0}")]
+    Flags(String),
+
     /// A scene, mesh, material or image file says something that can't be rendered.
     #[error("{}{}: {what}; {mend}", file.display(), line.map_or(String::new(), |l| format!(":{l}")))]
     Scene { file: PathBuf, line: Option<usize>, what: String, mend: String },
@@ -79,7 +83,7 @@ impl Error {
     /// The exit code that this error ends the program with.
     pub fn exit_code(&self) -> i32 {
         match self {
-            Error::Usage { .. } => EXIT_USAGE,
+            Error::Usage { .. } | Error::Flags(_) => EXIT_USAGE,
             Error::Remote { code, .. } => *code,
             _ => EXIT_FAILURE,
         }

@@ -1,1 +1,7 @@
-fn main() {}
+//! The program `heliostat`.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    heliostat::cli::main()
+}

@@ -80,11 +80,14 @@ pub enum Filter {
     Mitchell,
 }
 
-/// What the numbers of an 8-bit image mean.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+/// How linear values become the integers of a display format (PNG). EXR and PFM are always linear.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Encoding {
+    /// The piecewise sRGB curve (IEC 61966-2-1), what viewers expect.
+    #[default]
     Srgb,
+    /// No curve.
     Linear,
 }
 
@@ -95,13 +98,11 @@ pub struct RunSettings {
     pub split: Split,
     /// Edge of a tile in pixels, 1 ..= 4096.
     pub tile_size: u32,
-    /// Whether a timeline of phases and tiles is recorded.
-    pub timeline: bool,
 }
 
 impl Default for RunSettings {
     fn default() -> Self {
-        RunSettings { accel: AccelKind::Bvh, split: Split::Tiles, tile_size: 32, timeline: false }
+        RunSettings { accel: AccelKind::Bvh, split: Split::Tiles, tile_size: 32 }
     }
 }
 

@@ -1,3 +1,17 @@
 //! Where data leaves: image files, comparison, progress, statistics and timelines.
+//!
+//! Knows neither scenes nor MPI. Everything is written whole or not at all (`file`), and the same
+//! input always gives the same bytes.
 
-pub mod image;
+pub mod compare;
+pub mod exr;
+pub mod file;
+pub mod metadata;
+pub mod pfm;
+pub mod png;
+pub mod progress;
+pub mod read;
+pub mod stats;
+pub mod timeline;
+pub mod transfer;
+pub mod write;

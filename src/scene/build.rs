@@ -148,13 +148,7 @@ impl SceneBuilder {
 
     /// World-space bounds of what has been placed so far, or `None` if that is nothing.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        let point = |p: [f32; 3]| DVec3::from(p.map(f64::from));
-        let points = self.surfaces.positions.iter().map(|&p| (point(p), 0.0));
-        let spheres = self.surfaces.spheres.iter().map(|s| (point(s.center), f64::from(s.radius)));
-        points
-            .chain(spheres)
-            .map(|(center, radius)| (center - radius, center + radius))
-            .reduce(|(low, high), (l, h)| (low.min(l), high.max(h)))
+        self.surfaces.bounds()
     }
 
     /// Completes the scene: chooses the frame and moves everything into stored space. `header` holds camera,

@@ -1,6 +1,7 @@
 //! The large arrays of a scene: triangles, spheres and what is stored at vertices; and the mesh of one
 //! object before it is placed.
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// "No such index" in a 32-bit index.
@@ -69,10 +70,21 @@ impl Surfaces {
         self.len() == 0
     }
 
-    /// The sphere of a primitive id, or `None` if it is a triangle.
+    /// The sphere of a primitive id, or `None` if that is a triangle or no primitive.
     #[inline]
-    pub fn sphere(&self, primitive: u32) -> Option<&Sphere> {
-        (primitive as usize).checked_sub(self.triangles.len()).map(|index| &self.spheres[index])
+    pub fn sphere_at(&self, primitive: u32) -> Option<&Sphere> {
+        (primitive as usize).checked_sub(self.triangles.len()).and_then(|index| self.spheres.get(index))
+    }
+
+    /// Lower and upper corner of everything, or `None` if there is nothing.
+    pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
+        let point = |p: [f32; 3]| DVec3::from(p.map(f64::from));
+        let points = self.positions.iter().map(|&p| (point(p), 0.0));
+        let spheres = self.spheres.iter().map(|s| (point(s.center), f64::from(s.radius)));
+        points
+            .chain(spheres)
+            .map(|(center, radius)| (center - radius, center + radius))
+            .reduce(|(low, high), (l, h)| (low.min(l), high.max(h)))
     }
 
     /// The three vertices of a triangle id.
@@ -80,6 +92,12 @@ impl Surfaces {
     pub fn triangle(&self, primitive: u32) -> [[f32; 3]; 3] {
         self.triangles[primitive as usize].map(|index| self.positions[index as usize])
     }
+}
+
+/// Whether a triangle has an area: its corners don't lie on one line. One that has none is never hit.
+pub fn has_area(vertices: &[[f32; 3]; 3]) -> bool {
+    let [a, b, c] = vertices.map(|v| DVec3::from(v.map(f64::from)));
+    (b - a).cross(c - a) != DVec3::ZERO
 }
 
 /// One mesh with one material, in the object's own space, before it is placed in the scene.

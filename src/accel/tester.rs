@@ -1,0 +1,124 @@
+//! One ray against single primitives: keeps the least (t, id) that counts.
+
+use crate::geometry::record::Answer;
+use crate::geometry::start::Start;
+use crate::geometry::triangle::{self, TriangleHit};
+use crate::geometry::{NONE, Prepared, Ray, sphere};
+use crate::scene::Surfaces;
+
+/// A ray on its way through the primitives, with the best hit so far.
+pub struct Tester<'a> {
+    pub surfaces: &'a Surfaces,
+    pub ray: Prepared,
+    start: u32,
+    /// The triangle that the ray starts on, if it does.
+    start_triangle: Option<Start>,
+    /// In units of the scaled direction; only (t, id) below (`t_best`, `primitive`) counts.
+    pub t_best: f64,
+    primitive: u32,
+    weights: [f64; 3],
+}
+
+impl<'a> Tester<'a> {
+    pub fn new(surfaces: &'a Surfaces, ray: &Ray) -> Self {
+        let prepared = Prepared::new(ray);
+        let start_triangle = ((ray.start as usize) < surfaces.triangles.len())
+            .then(|| Start::new(corners(surfaces, ray.start)));
+        Tester {
+            surfaces,
+            ray: prepared,
+            start: ray.start,
+            start_triangle,
+            t_best: prepared.t_max,
+            primitive: NONE,
+            weights: [0.0; 3],
+        }
+    }
+
+    /// Tests one primitive.
+    #[inline]
+    pub fn test(&mut self, primitive: u32) {
+        match (primitive as usize).checked_sub(self.surfaces.triangles.len()) {
+            None => self.test_triangle(primitive),
+            Some(index) => self.test_sphere(primitive, index),
+        }
+    }
+
+    #[inline]
+    fn test_triangle(&mut self, primitive: u32) {
+        if primitive == self.start {
+            return;
+        }
+        let vertices = corners(self.surfaces, primitive);
+        if let Some(hit) = triangle::intersect(&self.ray, &vertices)
+            && self.counts(hit.t, primitive)
+            && self.start_triangle.as_ref().is_none_or(|start| start.admits(&self.ray, &vertices))
+        {
+            self.t_best = hit.t;
+            self.primitive = primitive;
+            self.weights = hit.weights;
+        }
+    }
+
+    fn test_sphere(&mut self, primitive: u32, index: usize) {
+        let sphere = &self.surfaces.spheres[index];
+        let center = sphere.center.map(f64::from);
+        if self.starts_on(primitive, index) {
+            if let Some(t) = sphere::leave(&self.ray, center) {
+                self.offer(t, primitive);
+            }
+            return;
+        }
+        let Some([near, far]) = sphere::intersect(&self.ray, center, f64::from(sphere.radius)) else {
+            return;
+        };
+        if self.ray.begun(near, primitive) {
+            self.offer(near, primitive);
+        } else {
+            self.offer(far, primitive);
+        }
+    }
+
+    /// Whether the ray starts on this sphere or on one that coincides with it.
+    fn starts_on(&self, primitive: u32, index: usize) -> bool {
+        primitive == self.start
+            || self.surfaces.sphere_at(self.start).is_some_and(|own| *own == self.surfaces.spheres[index])
+    }
+
+    fn offer(&mut self, t: f64, primitive: u32) {
+        if self.counts(t, primitive) {
+            self.t_best = t;
+            self.primitive = primitive;
+        }
+    }
+
+    /// Whether (t, id) lies in the ray's range and before the best so far.
+    #[inline]
+    fn counts(&self, t: f64, primitive: u32) -> bool {
+        self.ray.begun(t, primitive) && (t < self.t_best || (t == self.t_best && primitive < self.primitive))
+    }
+
+    pub fn found(&self) -> bool {
+        self.primitive != NONE
+    }
+
+    /// The best hit, complete.
+    pub fn answer(&self) -> Answer {
+        if !self.found() {
+            return Answer::MISS;
+        }
+        let mut answer =
+            Answer { t: self.t_best * self.ray.scale, primitive: self.primitive, ..Answer::MISS };
+        if (self.primitive as usize) < self.surfaces.triangles.len() {
+            let vertices = corners(self.surfaces, self.primitive);
+            let hit = TriangleHit { t: self.t_best, weights: self.weights };
+            [answer.u, answer.v] = triangle::barycentrics(&self.ray, &vertices, &hit);
+        }
+        answer
+    }
+}
+
+#[inline]
+fn corners(surfaces: &Surfaces, primitive: u32) -> [[f64; 3]; 3] {
+    surfaces.triangle(primitive).map(|vertex| vertex.map(f64::from))
+}

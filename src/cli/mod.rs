@@ -1,0 +1,92 @@
+//! The command line: flags in, validated settings out, one file per subcommand. Rank 0 alone reads and prints.
+
+mod compare;
+mod info;
+mod manual;
+mod render;
+mod validate;
+
+use std::process::ExitCode;
+
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand};
+
+use crate::cluster::{self, Comm, share};
+use crate::error::{Error, Result};
+
+/// A distributed-memory parallel ray tracer: exact surfaces, and the same bytes however it was run.
+///
+/// Run it alone, or under mpirun or srun to share one image among many processes.
+#[derive(Debug, Parser)]
+#[command(name = "heliostat", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Render a scene (.toml) or a bare model (.obj).
+    Render(Box<render::Args>),
+    /// Print what a scene holds: counts, bounds, memory, what was dropped.
+    Info(info::Args),
+    /// Check scenes without rendering them.
+    Validate(validate::Args),
+    /// Compare two images; exits with 1 if they differ by more than allowed.
+    Compare(compare::Args),
+    /// Print a completion script for a shell.
+    Completions(manual::CompletionArgs),
+    /// Print the manual page, or write all pages into a folder.
+    Man(manual::ManArgs),
+}
+
+/// Runs the program; its exit code.
+pub fn main() -> ExitCode {
+    cluster::run(run)
+}
+
+fn run(comm: &dyn Comm) -> Result<()> {
+    // Rank 0 reads the flags; the others follow.
+    let command = share::outcome(comm, parse)?;
+    let renders = share::computed(comm, || Ok(matches!(command, Some(Command::Render(_)))))?;
+    if renders {
+        let args = command.and_then(|command| match command {
+            Command::Render(args) => Some(*args),
+            _ => None,
+        });
+        return render::run(comm, args);
+    }
+    share::outcome(comm, || match command {
+        Some(Command::Info(args)) => info::run(&args),
+        Some(Command::Validate(args)) => validate::run(&args),
+        Some(Command::Compare(args)) => compare::run(&args),
+        Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
+        Some(Command::Man(args)) => manual::man(&args, Cli::command()),
+        Some(Command::Render(_)) | None => Ok(()),
+    })
+}
+
+/// The command that was asked for; `None` if help or version were, which are printed here.
+fn parse() -> Result<Option<Command>> {
+    match Cli::try_parse() {
+        Ok(cli) => Ok(Some(cli.command)),
+        Err(error) => match error.kind() {
+            ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
+                print(&error.render().to_string())?;
+                Ok(None)
+            }
+            _ => Err(Error::Flags(error.render().to_string().trim_start_matches("error: ").trim_end().into())),
+        },
+    }
+}
+
+/// Writes to standard output; a reader that closed it early is no error.
+fn print(text: &str) -> Result<()> {
+    use std::io::Write;
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::write("standard output", error))
+        }
+        _ => Ok(()),
+    }
+}

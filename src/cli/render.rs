@@ -1,0 +1,285 @@
+//! `heliostat render`: flags and scene file to settings, and the render from first to last.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::time::Instant;
+
+use crate::accel::Accel;
+use crate::cluster::share::{self, Share};
+use crate::cluster::{Comm, threads};
+use crate::error::{Error, Result};
+use crate::image::Image;
+use crate::job::{self, Crew, Work};
+use crate::output::progress::ProgressKind;
+use crate::output::stats::{RankStats, Stats};
+use crate::output::timeline::{self, Timeline};
+use crate::output::write::{self, Target, WriteOptions};
+use crate::output::{file, metadata};
+use crate::scene::load::{self, ImageDefaults};
+use crate::settings::{AccelKind, Crop, Encoding, Filter, ImageSettings, Integrator, RunSettings, Split};
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A scene (.toml) or a model (.obj)
+    scene: PathBuf,
+    /// Image file: .png, .exr or .pfm, or - for PNG on standard output; may be repeated [default: the scene's name, .png]
+    #[arg(short, long, value_name = "FILE", env = "HELIOSTAT_OUTPUT", value_delimiter = ',', help_heading = "Image")]
+    output: Vec<String>,
+    /// Pixels across; alone it keeps the scene's aspect ratio [default: the scene's, else 512]
+    #[arg(long, value_name = "N", env = "HELIOSTAT_WIDTH", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
+    width: Option<u32>,
+    /// Pixels down; alone it keeps the scene's aspect ratio [default: the scene's, else 512]
+    #[arg(long, value_name = "N", env = "HELIOSTAT_HEIGHT", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
+    height: Option<u32>,
+    /// Samples per pixel; 1 goes through the pixel's centre [default: the scene's, else 1]
+    #[arg(long, value_name = "N", env = "HELIOSTAT_SPP", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
+    spp: Option<u32>,
+    /// Seed of all random numbers [default: the scene's, else 0]
+    #[arg(long, value_name = "N", env = "HELIOSTAT_SEED", help_heading = "Image")]
+    seed: Option<u64>,
+    /// How light is carried [default: the scene's, else whitted]
+    #[arg(long, env = "HELIOSTAT_INTEGRATOR", help_heading = "Image")]
+    integrator: Option<Integrator>,
+    /// Bounces after the eye ray [default: the scene's, else 8]
+    #[arg(long, value_name = "N", env = "HELIOSTAT_MAX_DEPTH", help_heading = "Image")]
+    max_depth: Option<u32>,
+    /// End branches whose weight is below this; 0 ends none [default: the scene's, else 0]
+    #[arg(long, value_name = "X", env = "HELIOSTAT_MIN_WEIGHT", value_parser = weight, help_heading = "Image")]
+    min_weight: Option<f64>,
+    /// Pixel filter [default: the scene's, else box]
+    #[arg(long, env = "HELIOSTAT_FILTER", help_heading = "Image")]
+    filter: Option<Filter>,
+    /// Encoding of PNG files [default: the scene's, else srgb]
+    #[arg(long, env = "HELIOSTAT_ENCODING", help_heading = "Image")]
+    encoding: Option<Encoding>,
+    /// Render only pixels X0 <= x < X1, Y0 <= y < Y1; row 0 is on top
+    #[arg(long, value_name = "X0,Y0,X1,Y1", env = "HELIOSTAT_CROP", value_parser = crop, help_heading = "Image")]
+    crop: Option<Crop>,
+    /// The structure that finds hits; never changes a byte of the image
+    #[arg(long, env = "HELIOSTAT_ACCEL", default_value = "bvh", help_heading = "Run")]
+    accel: AccelKind,
+    /// How ranks divide the work; never changes a byte of the image
+    #[arg(long, env = "HELIOSTAT_SPLIT", default_value = "tiles", help_heading = "Run")]
+    split: Split,
+    /// Threads of each rank [env: HELIOSTAT_THREADS, each rank's own] [default: the processors, divided among the ranks that share them]
+    #[arg(long, value_name = "N", help_heading = "Run")]
+    threads: Option<NonZeroUsize>,
+    /// Edge of a tile in pixels
+    #[arg(long, value_name = "N", env = "HELIOSTAT_TILE_SIZE", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=4096), help_heading = "Run")]
+    tile_size: u32,
+    /// Show progress on standard error
+    #[arg(long, env = "HELIOSTAT_PROGRESS", default_value = "auto", help_heading = "Reports")]
+    progress: ProgressKind,
+    /// Write statistics of every rank
+    #[arg(long, value_name = "FILE.json", env = "HELIOSTAT_STATS", help_heading = "Reports")]
+    stats: Option<PathBuf>,
+    /// Write what each thread did when, as a Chrome trace (opens in Perfetto)
+    #[arg(long, value_name = "FILE.json", env = "HELIOSTAT_TIMELINE", help_heading = "Reports")]
+    timeline: Option<PathBuf>,
+    /// Print nothing but errors
+    #[arg(short, long, env = "HELIOSTAT_QUIET", help_heading = "Reports")]
+    quiet: bool,
+    /// Print the settings and every rank's part
+    #[arg(short, long, env = "HELIOSTAT_VERBOSE", conflicts_with = "quiet", help_heading = "Reports")]
+    verbose: bool,
+}
+
+/// What rank 0 alone keeps: where to write and what to say.
+struct Errand {
+    targets: Vec<Target>,
+    stats: Option<PathBuf>,
+    timeline: Option<PathBuf>,
+    quiet: bool,
+    verbose: bool,
+}
+
+/// Collective: `args` are rank 0's.
+pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
+    comm.barrier();
+    let start = Instant::now();
+    let mut stats = RankStats { rank: comm.rank() as u32, ..RankStats::default() };
+
+    // What each rank must know before there is a scene.
+    let flag = share::computed(comm, || Ok(args.as_ref().and_then(|args| args.threads)))?;
+    let traced = share::computed(comm, || Ok(args.as_ref().is_some_and(|args| args.timeline.is_some())))?;
+    let pool = job::thread_pool(threads::choose(comm, flag)?)?;
+    stats.threads = pool.current_num_threads() as u32;
+    let timeline = if traced { Timeline::starting_at(stats.rank, start) } else { Timeline::off() };
+    let progress = args.as_ref().map_or(ProgressKind::None, |args| args.progress).start();
+
+    // Rank 0 reads, checks and builds; then everybody has it.
+    let made = share::outcome(comm, || match args {
+        Some(args) => pool.install(|| prepare(args, &timeline, &mut stats)).map(Some),
+        None => Ok(None),
+    })?;
+    let (mut work, errand) = made.map_or((Work::default(), None), |(work, errand)| (work, Some(errand)));
+    let begin = Instant::now();
+    {
+        let _span = timeline.span(0, "broadcast");
+        work.share(Share::new(comm))?;
+    }
+    stats.seconds.broadcast = begin.elapsed().as_secs_f64();
+
+    let crew = Crew { comm, pool: &pool, timeline: &timeline, progress: &*progress };
+    let image = job::render(&crew, &work, &mut stats)?;
+
+    // Rank 0 writes; a full disk is everybody's error.
+    let begin = Instant::now();
+    share::outcome(comm, || match (&image, &errand) {
+        (Some(image), Some(errand)) => {
+            let _span = timeline.span(0, "write");
+            write_image(image, &work, errand)
+        }
+        _ => Ok(()),
+    })?;
+    stats.seconds.write = begin.elapsed().as_secs_f64();
+    stats.bytes_sent = comm.bytes_sent();
+    let ranks = job::gather_stats(comm, &stats)?;
+    let events = job::gather_events(comm, &timeline)?;
+    share::outcome(comm, || match (errand, ranks, events) {
+        (Some(errand), Some(ranks), Some(events)) => {
+            if let Some(path) = &errand.timeline {
+                timeline::write(path, &events)?;
+            }
+            let image = &work.image;
+            let seconds = start.elapsed().as_secs_f64();
+            report(&errand, &Stats::new(image.width, image.height, image.spp, seconds, ranks))
+        }
+        _ => Ok(()),
+    })
+}
+
+/// Rank 0: reads the scene, settles the settings, builds the accelerator.
+fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Work, Errand)> {
+    let errand = errand(&args)?;
+    let begin = Instant::now();
+    let span = timeline.span(0, "load");
+    let mut loaded = load::load(&args.scene)?;
+    drop(span);
+    stats.seconds.load = begin.elapsed().as_secs_f64();
+    let image = image_settings(&args, &loaded.image)?;
+    loaded.fit(image.width, image.height);
+    let run = RunSettings { accel: args.accel, split: args.split, tile_size: args.tile_size };
+    if !errand.quiet {
+        loaded.warnings.iter().for_each(|warning| eprintln!("heliostat: warning: {warning}"));
+    }
+    if errand.verbose {
+        metadata::describe(&image).iter().for_each(|(key, value)| eprintln!("{key}: {value}"));
+    }
+    let begin = Instant::now();
+    let _span = timeline.span(0, "build");
+    let accel = Accel::build(run.accel, &loaded.scene.surfaces);
+    stats.seconds.build = begin.elapsed().as_secs_f64();
+    Ok((Work { scene: loaded.scene, accel, image, run }, errand))
+}
+
+/// Whatever can be known to fail at the end is found out at the beginning.
+fn errand(args: &Args) -> Result<Errand> {
+    let mut outputs = args.output.clone();
+    if outputs.is_empty() {
+        let stem = args.scene.file_stem().map_or("image".into(), |stem| stem.to_string_lossy());
+        outputs.push(format!("{stem}.png"));
+    }
+    let targets = outputs.iter().map(|output| Target::parse(output)).collect::<Result<Vec<_>>>()?;
+    targets.iter().try_for_each(Target::check_writable)?;
+    for path in [&args.stats, &args.timeline].into_iter().flatten() {
+        file::check_writable(path)?;
+    }
+    Ok(Errand {
+        targets,
+        stats: args.stats.clone(),
+        timeline: args.timeline.clone(),
+        quiet: args.quiet,
+        verbose: args.verbose,
+    })
+}
+
+/// Flags before the scene file, the scene file before the defaults.
+fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
+    let default = ImageSettings::default();
+    let (width, height) = size(args, scene, &default)?;
+    let whole = Crop { x0: 0, y0: 0, x1: width, y1: height };
+    let crop = args.crop.unwrap_or(whole);
+    if crop.x1 > width || crop.y1 > height {
+        return Err(Error::usage(
+            "--crop",
+            format!("{},{} lies outside the image of {width} x {height}", crop.x1, crop.y1),
+            "give X1 and Y1 up to the image's width and height",
+        ));
+    }
+    Ok(ImageSettings {
+        width,
+        height,
+        crop,
+        spp: args.spp.or(scene.spp).unwrap_or(default.spp),
+        seed: args.seed.or(scene.seed).unwrap_or(default.seed),
+        integrator: args.integrator.or(scene.integrator).unwrap_or(default.integrator),
+        max_depth: args.max_depth.or(scene.max_depth).unwrap_or(default.max_depth),
+        min_weight: args.min_weight.or(scene.min_weight).unwrap_or(default.min_weight),
+        filter: args.filter.or(scene.filter).unwrap_or(default.filter),
+        encoding: args.encoding.or(scene.encoding).unwrap_or(default.encoding),
+    })
+}
+
+/// A single flag keeps the aspect ratio.
+fn size(args: &Args, scene: &ImageDefaults, default: &ImageSettings) -> Result<(u32, u32)> {
+    let (w, h) = (scene.width.unwrap_or(default.width), scene.height.unwrap_or(default.height));
+    let keep = |given: u32, from: u32, to: u32| {
+        (f64::from(given) * f64::from(to) / f64::from(from)).round().clamp(1.0, 65536.0) as u32
+    };
+    let (width, height) = match (args.width, args.height) {
+        (Some(width), Some(height)) => (width, height),
+        (Some(width), None) => (width, keep(width, w, h)),
+        (None, Some(height)) => (keep(height, h, w), height),
+        (None, None) => (w, h),
+    };
+    // Pixels are numbered by 32 bits.
+    if u64::from(width) * u64::from(height) >= u64::from(u32::MAX) {
+        return Err(Error::usage(
+            "--width",
+            format!("{width} x {height} is more than 2^32 pixels"),
+            "choose a smaller image",
+        ));
+    }
+    Ok((width, height))
+}
+
+fn write_image(image: &Image, work: &Work, errand: &Errand) -> Result<()> {
+    let options =
+        WriteOptions { encoding: work.image.encoding, metadata: metadata::describe(&work.image) };
+    errand.targets.iter().try_for_each(|target| write::write(image, target, &options))
+}
+
+fn report(errand: &Errand, stats: &Stats) -> Result<()> {
+    if let Some(path) = &errand.stats {
+        stats.write(path)?;
+    }
+    if errand.verbose {
+        for rank in &stats.ranks {
+            eprintln!("{rank}");
+        }
+    }
+    if !errand.quiet {
+        eprintln!("{stats}");
+        for target in &errand.targets {
+            eprintln!("wrote {target}");
+        }
+    }
+    Ok(())
+}
+
+fn weight(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
+        _ => Err("give a finite number of 0 or more".into()),
+    }
+}
+
+fn crop(text: &str) -> std::result::Result<Crop, String> {
+    let numbers: Vec<u32> =
+        text.split(',').map(|part| part.trim().parse()).collect::<std::result::Result<_, _>>().unwrap_or_default();
+    match numbers[..] {
+        [x0, y0, x1, y1] if x0 < x1 && y0 < y1 => Ok(Crop { x0, y0, x1, y1 }),
+        _ => Err("give four whole numbers X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1".into()),
+    }
+}

@@ -1,0 +1,59 @@
+//! Ranks working together: messages, start and end of a job, sharing of what rank 0 knows, dealing of work.
+//!
+//! Owns everything that depends on there being several processes. Must not know scenes, rays or images: units
+//! of work are numbers, results are bytes.
+
+pub mod comm;
+pub mod deal;
+mod end;
+mod launcher;
+pub mod share;
+pub mod threads;
+pub mod wire;
+
+use crate::error::Result;
+
+pub use comm::{Comm, Message, Solo, Tag};
+pub use end::{fail, finish, internal_error_hook};
+
+/// Joins the job that the launcher began, or stands alone where there is none.
+///
+/// MPI is initialised only under a launcher of more than one process: without one it costs half a second for
+/// nothing. The hook that ends the job on a panic is in place when this returns.
+///
+/// Errors: a launcher that doesn't fit this build, so that each process would do the whole work alone.
+/// Hand them to [`fail`], which lets one process speak for all.
+pub fn start() -> Result<Box<dyn Comm>> {
+    let launch = launcher::detect(|name| std::env::var(name).ok());
+    end::speak_for_launch(launch.as_ref());
+    internal_error_hook();
+    let comm: Box<dyn Comm> = match launch {
+        Some(launch) if launch.size != Some(1) => join(&launch)?,
+        _ => Box::new(Solo::new()),
+    };
+    end::speak_as(comm.rank(), comm.size());
+    Ok(comm)
+}
+
+#[cfg(feature = "mpi")]
+fn join(launch: &launcher::Launch) -> Result<Box<dyn Comm>> {
+    let comm = comm::mpi::MpiComm::start()?;
+    launch.check_world_size(comm.size())?;
+    Ok(Box::new(comm))
+}
+
+#[cfg(not(feature = "mpi"))]
+fn join(launch: &launcher::Launch) -> Result<Box<dyn Comm>> {
+    Err(launch.refused_without_mpi())
+}
+
+/// The whole life of a process in a job: starts, does `job`, ends; the exit code tells how.
+pub fn run(job: impl FnOnce(&dyn Comm) -> Result<()>) -> std::process::ExitCode {
+    match start() {
+        Ok(comm) => {
+            let outcome = job(&*comm);
+            finish(comm, outcome)
+        }
+        Err(error) => fail(&error),
+    }
+}

@@ -1,0 +1,153 @@
+//! The one decision whether and where a ray meets a triangle, in f64.
+//!
+//! Edges: Woop, Benthin and Wald 2013, with products and differences rounded one by one, so that two triangles
+//! sharing an edge compute the same number for it but for its sign: no ray passes between them. Distance: from the plane's
+//! equation, since interpolating it over a sliver's edge functions loses all digits.
+
+use super::{Prepared, cross, dot, norm1, sub};
+
+/// Where |n·d| is at most this times |e1|₁|e2|₁, t is clamped to the triangle's own slab interval.
+///
+/// Above it, t's error times |d| is below 2^-32 Q, with Q = |origin|∞ + max|vertex|∞: each component of n = e1 × e2 is off by at
+/// most 3u times its two products' magnitudes (u = 2^-53), so n·(v − o) and n·d are off by at most 16u |e1|₁|e2|₁ times Q and |d|∞ < 2; dividing by
+/// |n·d| > 2^-16 |e1|₁|e2|₁ leaves (16uQ + 16u|td|∞) 2^16 ≤ 2^-32 Q. `bounds` pads boxes by twice that.
+pub const GRAZING: f64 = 1.0 / 65536.0;
+
+/// A hit in units of the scaled direction, with its unnormalised barycentric coordinates.
+#[derive(Clone, Copy, Debug)]
+pub struct TriangleHit {
+    pub t: f64,
+    /// The edge functions opposite to each vertex: weights of the three vertices, all of one sign.
+    pub weights: [f64; 3],
+}
+
+/// Meets the whole line of the ray; the caller checks the range of t.
+///
+/// A ray in the triangle's plane misses it. `vertices` are exact f32 values.
+#[inline]
+pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit> {
+    let (kx, ky, kz) = (ray.kx, ray.ky, ray.kz);
+    let [a, b, c] = vertices.map(|v| sub(v, ray.origin));
+    let (ax, ay) = (a[kx] - ray.shear_x * a[kz], a[ky] - ray.shear_y * a[kz]);
+    let (bx, by) = (b[kx] - ray.shear_x * b[kz], b[ky] - ray.shear_y * b[kz]);
+    let (cx, cy) = (c[kx] - ray.shear_x * c[kz], c[ky] - ray.shear_y * c[kz]);
+    let u = cx * by - cy * bx;
+    let v = ax * cy - ay * cx;
+    let w = bx * ay - by * ax;
+    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+        return None;
+    }
+    let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
+    let n = cross(e1, e2);
+    let along = dot(n, ray.direction);
+    if along == 0.0 {
+        return None;
+    }
+    let mut t = dot(n, a) / along;
+    // Written so that NaN, from products beyond f64's range, is clamped too.
+    let upright = along.abs() > GRAZING * (norm1(e1) * norm1(e2));
+    if !upright {
+        t = clamp_to_slabs(ray, vertices, t);
+    }
+    Some(TriangleHit { t, weights: [u, v, w] })
+}
+
+/// Brings t into the interval in which the ray is inside the triangle's box.
+#[cold]
+fn clamp_to_slabs(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64) -> f64 {
+    let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..3 {
+        let direction = ray.direction[axis];
+        if direction == 0.0 {
+            continue;
+        }
+        let at = |v: [f64; 3]| (v[axis] - ray.origin[axis]) / direction;
+        let (a, b, c) = (at(vertices[0]), at(vertices[1]), at(vertices[2]));
+        near = near.max(a.min(b).min(c));
+        far = far.min(a.max(b).max(c));
+    }
+    t.max(near).min(far)
+}
+
+/// The weights of the second and the third vertex, in [0, 1], their sum at most 1.
+///
+/// An edge-on hit has no area to divide: there the point of the ray at `t` is projected onto the longest edge.
+pub fn barycentrics(ray: &Prepared, vertices: &[[f64; 3]; 3], hit: &TriangleHit) -> [f64; 2] {
+    let [u, v, w] = hit.weights;
+    let sum = (u + v) + w;
+    if sum != 0.0 && sum.is_finite() {
+        return [v / sum, w / sum];
+    }
+    let point: [f64; 3] = std::array::from_fn(|axis| ray.origin[axis] + hit.t * ray.direction[axis]);
+    let edge = |from: usize, to: usize| sub(vertices[to], vertices[from]);
+    let length2 = |e: [f64; 3]| dot(e, e);
+    let place = |from: usize, e: [f64; 3]| {
+        let s = dot(sub(point, vertices[from]), e) / length2(e);
+        if s >= 0.0 { s.min(1.0) } else { 0.0 }
+    };
+    let (ab, bc, ca) = (edge(0, 1), edge(1, 2), edge(2, 0));
+    if length2(ab) >= length2(bc) && length2(ab) >= length2(ca) {
+        [place(0, ab), 0.0]
+    } else if length2(bc) >= length2(ca) {
+        let s = place(1, bc);
+        [1.0 - s, s]
+    } else {
+        [0.0, 1.0 - place(2, ca)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{NONE, Ray};
+    use super::*;
+    use glam::DVec3;
+
+    const UNIT: [[f64; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+
+    fn ray(origin: [f64; 3], direction: [f64; 3]) -> Prepared {
+        Prepared::new(&Ray {
+            origin: DVec3::from(origin),
+            direction: DVec3::from(direction),
+            t_min: 0.0,
+            t_max: f64::INFINITY,
+            first_id: 0,
+            start: NONE,
+        })
+    }
+
+    #[test]
+    fn hits_inside_edges_and_corners_and_nothing_beyond() {
+        for (x, y, expected) in [
+            (0.25, 0.25, true),
+            (0.0, 0.0, true),
+            (1.0, 0.0, true),
+            (0.5, 0.5, true),
+            (0.5, 0.0, true),
+            (0.5, 0.500001, false),
+            (-1e-300, 0.5, false),
+        ] {
+            let prepared = ray([x, y, 2.0], [0.0, 0.0, -0.5]);
+            let hit = intersect(&prepared, &UNIT);
+            assert_eq!(hit.is_some(), expected, "{x} {y}");
+            if let Some(hit) = hit {
+                assert_eq!(hit.t / prepared.scale.recip(), 2.0 * 2.0);
+                assert_eq!(barycentrics(&prepared, &UNIT, &hit), [x, y]);
+            }
+        }
+    }
+
+    #[test]
+    fn directions_of_any_length_give_t_in_their_units() {
+        for exponent in [-1000, -600, -1, 0, 3, 900] {
+            let length = libm::exp2(f64::from(exponent));
+            let prepared = ray([0.25, 0.25, 1.0], [0.0, -0.0, -length]);
+            let hit = intersect(&prepared, &UNIT).expect("straight down");
+            assert_eq!(hit.t * prepared.scale * length, 1.0, "2^{exponent}");
+        }
+    }
+
+    #[test]
+    fn rays_in_the_plane_miss() {
+        assert!(intersect(&ray([-1.0, 0.25, 0.0], [1.0, 0.0, 0.0]), &UNIT).is_none());
+    }
+}

@@ -1,0 +1,141 @@
+//! The story of a render: share the scene, deal the tiles, gather the film. Every rank runs the same lines.
+
+mod share;
+
+use std::time::Instant;
+
+use rayon::ThreadPool;
+
+use crate::accel::Accel;
+use crate::cluster::deal::{self, DealStats, Plan};
+use crate::cluster::{Comm, Solo, wire};
+use crate::error::{Error, Result};
+use crate::image::Image;
+use crate::output::progress::{Progress, ProgressKind};
+use crate::output::stats::{self, RankStats};
+use crate::output::timeline::{Event, Timeline};
+use crate::render::film::Film;
+use crate::render::tile::Tiling;
+use crate::render::{RayTally, Renderer, cost};
+use crate::scene::Scene;
+use crate::settings::{ImageSettings, RunSettings, Split};
+
+pub use share::Work;
+
+/// What a rank needs beside the work itself.
+pub struct Crew<'a> {
+    pub comm: &'a dyn Comm,
+    pub pool: &'a ThreadPool,
+    pub timeline: &'a Timeline,
+    /// Shown by rank 0 only.
+    pub progress: &'a dyn Progress,
+}
+
+/// Collective: renders the work that all ranks hold; rank 0 gets the image. Adds what this rank did to `stats`.
+pub fn render(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<Image>> {
+    let renderer = Renderer::new(&work.scene, &work.accel, &work.image);
+    let tiling = Tiling::new(work.image.crop, work.run.tile_size);
+    let film = match work.run.split {
+        Split::Tiles => deal_tiles(crew, work, &renderer, &tiling, stats)?,
+    };
+    let floor = work.scene.header.ambient_floor;
+    Ok(film.map(|film| {
+        let _span = crew.timeline.span(0, "resolve");
+        film.resolve(renderer.negative_mass(), floor)
+    }))
+}
+
+/// Split `tiles`: rank 0 deals screen tiles on demand, the costliest first, and gathers their films.
+fn deal_tiles(
+    crew: &Crew,
+    work: &Work,
+    renderer: &Renderer,
+    tiling: &Tiling,
+    stats: &mut RankStats,
+) -> Result<Option<Film>> {
+    let leads = crew.comm.rank() == 0;
+    let begin = Instant::now();
+    let mut film = leads.then(|| Film::new(work.image.crop, renderer.planes()));
+
+    // A coarse look at the image tells which tiles are hot.
+    let plan = leads.then(|| {
+        let _span = crew.timeline.span(0, "prepass");
+        let (costs, rays) = crew.pool.install(|| cost::estimate(renderer, work.image.crop, tiling));
+        stats.rays.prepass = rays.iter().sum();
+        Plan::largest_first(&costs)
+    });
+
+    // All ranks render; tiles come home as they are done.
+    let tally = RayTally::default();
+    let render = |index: u32, bytes: &mut Vec<u8>| {
+        let _span = crew.timeline.span(1 + rayon::current_thread_index().unwrap_or(0) as u32, "tile");
+        let (tile_film, rays) = renderer.tile(tiling.tile(index));
+        bytes.extend_from_slice(tile_film.as_bytes());
+        tally.add(&rays);
+    };
+    let mut deposit = |index: u32, bytes: &[u8]| match &mut film {
+        Some(film) => film.merge(tiling.tile(index), bytes),
+        None => Ok(()),
+    };
+    let mut shown = 0;
+    if leads {
+        crew.progress.begin(u64::from(tiling.len()));
+    }
+    let mut tick = |now: deal::Progress| {
+        crew.progress.advance((now.done - shown) as u64);
+        shown = now.done;
+    };
+    let dealt = deal::run(crew.comm, crew.pool, plan.as_ref(), &render, &mut deposit, &mut tick)?;
+    if leads {
+        crew.progress.end();
+    }
+    account(stats, &dealt, &tally, begin);
+    Ok(film)
+}
+
+fn account(stats: &mut RankStats, dealt: &DealStats, tally: &RayTally, begin: Instant) {
+    let [camera, reflection, refraction, shadow] = tally.counts();
+    stats.rays = stats::RayCounts { camera, reflection, refraction, shadow, ..stats.rays };
+    stats.tiles = dealt.units as u64;
+    stats.seconds.trace = dealt.elapsed.as_secs_f64();
+    stats.seconds.gather = begin.elapsed().as_secs_f64() - stats.seconds.trace;
+}
+
+/// Collective: rank 0 gets the statistics of all ranks, in rank order.
+pub fn gather_stats(comm: &dyn Comm, own: &RankStats) -> Result<Option<Vec<RankStats>>> {
+    decode_all(comm.gather(&wire::encode(own)?))
+}
+
+/// Collective: rank 0 gets the timeline events of all ranks.
+pub fn gather_events(comm: &dyn Comm, timeline: &Timeline) -> Result<Option<Vec<Event>>> {
+    let all: Option<Vec<Vec<Event>>> = decode_all(comm.gather(&wire::encode(&timeline.take())?))?;
+    Ok(all.map(|ranks| ranks.concat()))
+}
+
+fn decode_all<T: serde::de::DeserializeOwned>(gathered: Option<Vec<Vec<u8>>>) -> Result<Option<Vec<T>>> {
+    gathered.map(|ranks| ranks.iter().map(|bytes| wire::decode(bytes)).collect()).transpose()
+}
+
+/// A pool of `threads` workers.
+///
+/// # Errors
+/// The system gives no more threads.
+pub fn thread_pool(threads: usize) -> Result<ThreadPool> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|source| {
+        Error::launch(format!("can't start {threads} threads: {source}"), "give a smaller --threads")
+    })
+}
+
+/// Renders a scene in this process alone, on all its processors: the simplest way to embed heliostat.
+///
+/// # Errors
+/// The system gives no threads.
+pub fn render_alone(scene: Scene, image: ImageSettings, run: RunSettings) -> Result<Image> {
+    let pool = thread_pool(std::thread::available_parallelism().map_or(1, |n| n.get()))?;
+    let accel = pool.install(|| Accel::build(run.accel, &scene.surfaces));
+    let work = Work { scene, accel, image, run };
+    let progress = ProgressKind::None.start();
+    let crew = Crew { comm: &Solo::new(), pool: &pool, timeline: &Timeline::off(), progress: &*progress };
+    let rendered = render(&crew, &work, &mut RankStats::default())?;
+    Ok(rendered.expect("a single process is rank 0"))
+}

@@ -1,0 +1,24 @@
+//! What an image file says of its making: the settings that define it, nothing of how or where it was run.
+
+use crate::settings::ImageSettings;
+
+/// Key and value of each image-defining setting, and the program's version.
+pub fn describe(image: &ImageSettings) -> Vec<(String, String)> {
+    let name = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
+    let crop = image.crop;
+    [
+        ("Software", format!("heliostat {}", env!("CARGO_PKG_VERSION"))),
+        ("width", image.width.to_string()),
+        ("height", image.height.to_string()),
+        ("crop", format!("{},{},{},{}", crop.x0, crop.y0, crop.x1, crop.y1)),
+        ("spp", image.spp.to_string()),
+        ("seed", image.seed.to_string()),
+        ("integrator", name(&image.integrator)),
+        ("max_depth", image.max_depth.to_string()),
+        ("min_weight", image.min_weight.to_string()),
+        ("filter", name(&image.filter)),
+        ("encoding", name(&image.encoding)),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
+    .into()
+}

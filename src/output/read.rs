@@ -1,0 +1,164 @@
+//! Reading PNG, EXR and PFM files to linear values, told apart by their first bytes. A broken file is
+//! an error, never a panic or an allocation beyond what a file of that length can hold.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use super::{exr, pfm, png};
+use crate::error::{self, Error};
+use crate::image::Image;
+
+/// Most pixels that are read: 16384 × 16384.
+pub const MAX_PIXELS: u64 = 1 << 28;
+/// Longest file that is read, packed and unpacked: `MAX_PIXELS` of f32 RGBA, and some more.
+pub(super) const MAX_FILE_BYTES: u64 = 5 << 30;
+
+/// What is wrong with a file's bytes.
+#[derive(Debug)]
+pub(super) struct Broken(pub String);
+
+/// Reads an image file to linear RGB. Its first bytes say what it is, not its name.
+pub fn read(path: &Path) -> error::Result<Image> {
+    let mut bytes = Vec::new();
+    // No fixed length is asked for: a pipe has none.
+    let file = File::open(path).map_err(|source| Error::read(path, source))?;
+    let length =
+        file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|source| Error::read(path, source))?;
+    let image = if length as u64 > MAX_FILE_BYTES {
+        Err(Broken(format!("it is longer than {} GiB", MAX_FILE_BYTES >> 30)))
+    } else {
+        decode(&bytes)
+    };
+    image.map_err(|Broken(what)| Error::scene(path, None, what, "give a sound PNG, EXR or PFM file"))
+}
+
+/// Decodes a whole file.
+pub(super) fn decode(bytes: &[u8]) -> Result<Image, Broken> {
+    match bytes {
+        [] => Err(Broken("it is empty".into())),
+        [0x89, b'P', b'N', b'G', ..] => png::decode(bytes),
+        [0x76, 0x2f, 0x31, 0x01, ..] => exr::decode(bytes),
+        [b'P', b'F' | b'f', ..] => pfm::decode(bytes),
+        _ => Err(Broken("it is no PNG, EXR or PFM file".into())),
+    }
+}
+
+/// Refuses sizes that are zero, above `MAX_PIXELS`, or beyond what `file_bytes` can stand for.
+pub(super) fn check_size(
+    width: u64,
+    height: u64,
+    file_bytes: usize,
+    pixels_per_byte: u64,
+) -> Result<(), Broken> {
+    let pixels = width.saturating_mul(height);
+    if pixels == 0 {
+        return Err(Broken(format!("{width} × {height} is 0 pixels")));
+    }
+    if pixels > MAX_PIXELS {
+        return Err(Broken(format!("{width} × {height} is more than {MAX_PIXELS} pixels")));
+    }
+    if pixels > (file_bytes as u64).saturating_mul(pixels_per_byte) {
+        return Err(Broken(format!("{width} × {height} pixels can't be in {file_bytes} bytes")));
+    }
+    Ok(())
+}
+
+/// An empty buffer with room for all pixels, or an error where memory is short.
+pub(super) fn pixel_buffer(width: u64, height: u64) -> Result<Vec<[f32; 3]>, Broken> {
+    let mut pixels = Vec::new();
+    match pixels.try_reserve_exact((width * height) as usize) {
+        Ok(()) => Ok(pixels),
+        Err(_) => Err(Broken(format!("{width} × {height} pixels don't fit into memory"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::write::{Format, WriteOptions, encode};
+    use super::*;
+    use crate::settings::Encoding;
+
+    /// A small picture with some structure, so that compressors do something.
+    fn picture() -> Image {
+        let mut image = Image::new(45, 38);
+        for (i, pixel) in image.pixels.iter_mut().enumerate() {
+            *pixel =
+                [(i % 45) as f32 / 45.0, ((i * i) % 97) as f32 / 97.0, if i % 7 == 0 { 1.0 } else { 0.25 }];
+        }
+        image
+    }
+
+    fn files() -> Vec<(Format, Vec<u8>)> {
+        let options = WriteOptions {
+            encoding: Encoding::Srgb,
+            metadata: vec![("spp".into(), "4".into()), ("seed".into(), "1".into())],
+        };
+        [Format::Png, Format::Exr, Format::Pfm]
+            .map(|format| (format, encode(&picture(), format, &options).unwrap()))
+            .into()
+    }
+
+    #[test]
+    fn truncated_files_are_refused() {
+        for (format, bytes) in files() {
+            decode(&bytes).unwrap();
+            // A PNG's pixels may be whole before its last chunks are; its closing chunk is 12 bytes.
+            let needed = if format == Format::Png { bytes.len() - 16 } else { bytes.len() };
+            for length in (0..needed).step_by(1 + needed / 700).chain(needed.saturating_sub(300)..needed) {
+                assert!(decode(&bytes[..length]).is_err(), "{format:?} of {length} bytes of {}", bytes.len());
+            }
+        }
+    }
+
+    #[test]
+    fn damaged_files_never_panic() {
+        // xorshift: the same damage in every run.
+        let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+        let mut random = move |below: usize| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state % below as u64) as usize
+        };
+        for (_, bytes) in files() {
+            for round in 0..1500 {
+                let mut damaged = bytes.clone();
+                // Headers are where damage does most.
+                let reach = if round % 2 == 0 { bytes.len().min(500) } else { bytes.len() };
+                for _ in 0..=random(4) {
+                    damaged[random(reach)] = random(256) as u8;
+                }
+                if let Ok(image) = decode(&damaged) {
+                    assert_eq!(image.pixels.len() as u64, u64::from(image.width) * u64::from(image.height));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn absurd_sizes_are_refused_before_memory_is_asked_for() {
+        let (_, mut png) = files().swap_remove(0);
+        png[16..24].copy_from_slice(&[0, 0, 0x40, 0, 0, 0, 0x40, 0]);
+        let checksum = crc32fast::hash(&png[12..29]);
+        png[29..33].copy_from_slice(&checksum.to_be_bytes());
+        let Broken(message) = decode(&png).unwrap_err();
+        assert!(message.contains("16384 × 16384 pixels can't be in"), "{message}");
+        assert!(check_size(u64::from(u32::MAX), u64::from(u32::MAX), usize::MAX, 9).is_err());
+        assert!(check_size(0, 5, 1000, 1).is_err());
+    }
+
+    #[test]
+    fn errors_name_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let message = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            read(&path).unwrap_err().to_string()
+        };
+        assert!(message("a.png", b"").ends_with("a.png: it is empty; give a sound PNG, EXR or PFM file"));
+        assert!(message("b.png", b"GIF89a").contains("b.png: it is no PNG, EXR or PFM file"));
+        assert!(read(&folder.path().join("none")).unwrap_err().to_string().contains("check the path"));
+        assert!(read(folder.path()).is_err());
+    }
+}

@@ -1,0 +1,220 @@
+//! The film: sums that don't depend on the order in which light arrives.
+//!
+//! A deposit is a non-negative number in units of 2^-32, rounded to nearest; NaN and negative numbers count as 0, and one deposit is at most
+//! 2^31. Deposits are added as u64, saturating at 2^32: addition of non-negative integers that saturates gives the same sum in any order. A pixel
+//! has one plane, or two where the filter has negative lobes: then the second holds the samples of negative weight.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::tile::Tile;
+use crate::error::{Error, Result};
+use crate::geometry::record::RayRecord;
+use crate::image::Image;
+use crate::scene::Color;
+use crate::settings::Crop;
+
+/// 2^32: how many of the film's units are 1.
+const ONE: f64 = 4_294_967_296.0;
+/// The largest single deposit, in units: 2^31 as a radiance.
+const LARGEST: f64 = 2_147_483_648.0 * ONE;
+
+/// What one plane of a pixel has gathered.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Cell {
+    /// Radiance in units of 2^-32.
+    pub sum: [u64; 3],
+    /// Samples taken.
+    pub count: u64,
+}
+
+impl Cell {
+    fn deposit(&mut self, radiance: Color) {
+        for (sum, value) in self.sum.iter_mut().zip(radiance) {
+            *sum = sum.saturating_add(to_fixed(value));
+        }
+    }
+
+    fn merge(&mut self, other: &Cell) {
+        for (sum, value) in self.sum.iter_mut().zip(other.sum) {
+            *sum = sum.saturating_add(value);
+        }
+        self.count += other.count;
+    }
+
+    fn mean(&self) -> Option<Color> {
+        (self.count > 0).then(|| self.sum.map(|sum| sum as f64 / ONE / self.count as f64))
+    }
+}
+
+/// Units of 2^-32, rounded to nearest.
+fn to_fixed(value: f64) -> u64 {
+    if value > 0.0 { (value * ONE + 0.5).min(LARGEST) as u64 } else { 0 }
+}
+
+/// The film of one tile.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TileFilm {
+    tile: Tile,
+    image_width: u32,
+    planes: usize,
+    /// `cells[((y - y0) * width + (x - x0)) * planes + plane]`.
+    cells: Vec<Cell>,
+}
+
+impl TileFilm {
+    pub fn new(tile: Tile, image_width: u32, planes: usize) -> Self {
+        TileFilm { tile, image_width, planes, cells: vec![Cell::default(); tile.area() * planes] }
+    }
+
+    /// Counts a sample of the record's pixel.
+    pub fn count(&mut self, record: &RayRecord) {
+        self.cell(record).count += 1;
+    }
+
+    /// Adds light to the record's pixel.
+    pub fn deposit(&mut self, record: &RayRecord, radiance: Color) {
+        self.cell(record).deposit(radiance);
+    }
+
+    /// The cells as bytes, to be sent or kept.
+    pub fn as_bytes(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.cells)
+    }
+
+    fn cell(&mut self, record: &RayRecord) -> &mut Cell {
+        let x = record.pixel % self.image_width - self.tile.x0;
+        let y = record.pixel / self.image_width - self.tile.y0;
+        let index = y as usize * self.tile.width() as usize + x as usize;
+        &mut self.cells[index * self.planes + usize::from(record.plane)]
+    }
+}
+
+/// The film of the whole rendered part of the image.
+#[derive(Clone, Debug)]
+pub struct Film {
+    crop: Crop,
+    planes: usize,
+    cells: Vec<Cell>,
+}
+
+impl Film {
+    pub fn new(crop: Crop, planes: usize) -> Self {
+        let pixels = crop.width() as usize * crop.height() as usize;
+        Film { crop, planes, cells: vec![Cell::default(); pixels * planes] }
+    }
+
+    /// Adds a tile's cells, as [`TileFilm::as_bytes`] gave them.
+    ///
+    /// # Errors
+    /// A number of bytes that isn't the tile's.
+    pub fn merge(&mut self, tile: Tile, bytes: &[u8]) -> Result<()> {
+        let row_cells = tile.width() as usize * self.planes;
+        if bytes.len() != tile.area() * self.planes * size_of::<Cell>() {
+            return Err(Error::launch(
+                format!("a tile of {} pixels came with {} bytes", tile.area(), bytes.len()),
+                "run the same build of heliostat on every node",
+            ));
+        }
+        for (row, bytes) in bytes.chunks_exact(row_cells * size_of::<Cell>()).enumerate() {
+            let y = (tile.y0 - self.crop.y0) as usize + row;
+            let x = (tile.x0 - self.crop.x0) as usize;
+            let first = (y * self.crop.width() as usize + x) * self.planes;
+            let cells = self.cells[first..first + row_cells].iter_mut();
+            for (cell, bytes) in cells.zip(bytes.chunks_exact(size_of::<Cell>())) {
+                cell.merge(&bytemuck::pod_read_unaligned(bytes));
+            }
+        }
+        Ok(())
+    }
+
+    /// The image: mean radiance of each pixel, blended with `floor` as (1 - floor) * radiance + floor.
+    ///
+    /// `negative_mass` is that of the filter (see `FilterTable::negative_mass`): with positive samples P and
+    /// negative ones N a pixel is (1 + m) mean(P) - m mean(N), so that a constant stays the same constant.
+    pub fn resolve(&self, negative_mass: f64, floor: f64) -> Image {
+        let pixel = |cells: &[Cell]| {
+            let positive = cells[0].mean();
+            let negative = cells.get(1).and_then(Cell::mean);
+            let radiance = match (positive, negative) {
+                (Some(p), Some(n)) => {
+                    std::array::from_fn(|k| (1.0 + negative_mass) * p[k] - negative_mass * n[k])
+                }
+                (Some(only), None) | (None, Some(only)) => only,
+                (None, None) => [0.0; 3],
+            };
+            radiance.map(|c| ((1.0 - floor) * c + floor) as f32)
+        };
+        let pixels = self.cells.chunks_exact(self.planes).map(pixel).collect();
+        Image { width: self.crop.width(), height: self.crop.height(), pixels }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    #[test]
+    fn deposits_are_rounded_clamped_and_never_negative() {
+        assert_eq!(to_fixed(1.0), 1 << 32);
+        assert_eq!(to_fixed(0.5 / ONE), 1);
+        assert_eq!(to_fixed(0.4 / ONE), 0);
+        assert_eq!(to_fixed(f64::NAN), 0);
+        assert_eq!(to_fixed(-3.0), 0);
+        assert_eq!(to_fixed(f64::NEG_INFINITY), 0);
+        assert_eq!(to_fixed(f64::INFINITY), 1 << 63);
+        assert_eq!(to_fixed(1e300), 1 << 63);
+    }
+
+    proptest! {
+        #[test]
+        fn sums_do_not_depend_on_order(
+            values in prop::collection::vec(prop_oneof![0.0f64..2.0, 1e8f64..1e10, Just(1e-12)], 1..40),
+            turn in 0usize..40,
+        ) {
+            let mut turned = values.clone();
+            turned.rotate_left(turn % values.len());
+            let sum = |values: &[f64]| {
+                let mut cell = Cell::default();
+                values.iter().for_each(|&value| cell.deposit([value; 3]));
+                cell
+            };
+            prop_assert_eq!(sum(&values), sum(&turned));
+        }
+    }
+
+    #[test]
+    fn tiles_land_where_they_belong() {
+        let crop = Crop { x0: 10, y0: 20, x1: 14, y1: 23 };
+        let tile = Tile { x0: 12, y0: 21, x1: 14, y1: 23 };
+        let mut film = Film::new(crop, 1);
+        let mut part = TileFilm::new(tile, 100, 1);
+        let record = RayRecord::camera(DVec3::ZERO, DVec3::X, 22 * 100 + 13, 0, 0);
+        part.count(&record);
+        part.deposit(&record, [0.25, 0.5, 1.0]);
+        film.merge(tile, part.as_bytes()).unwrap();
+        let image = film.resolve(0.0, 0.0);
+        assert_eq!((image.width, image.height), (4, 3));
+        assert_eq!(image.pixels[2 * 4 + 3], [0.25, 0.5, 1.0]);
+        assert_eq!(image.pixels.iter().filter(|p| **p != [0.0; 3]).count(), 1);
+        assert_eq!(film.resolve(0.0, 0.5).pixels[0], [0.5; 3]);
+        assert!(film.merge(tile, &[0; 7]).is_err());
+    }
+
+    #[test]
+    fn signed_planes_keep_constants() {
+        let mut film = Film::new(Crop { x0: 0, y0: 0, x1: 1, y1: 1 }, 2);
+        let record = |plane| RayRecord::camera(DVec3::ZERO, DVec3::X, 0, 0, plane);
+        let tile = Tile { x0: 0, y0: 0, x1: 1, y1: 1 };
+        let mut part = TileFilm::new(tile, 1, 2);
+        for plane in [0, 0, 1] {
+            part.count(&record(plane));
+            part.deposit(&record(plane), [0.7; 3]);
+        }
+        film.merge(tile, part.as_bytes()).unwrap();
+        let value = film.resolve(0.2, 0.0).pixels[0][0];
+        assert!((value - 0.7).abs() < 1e-7, "{value}");
+    }
+}

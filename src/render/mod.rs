@@ -1,0 +1,130 @@
+//! One rank's work: tiles of camera rays traced to their end, and the film that they deposit in.
+
+pub mod cost;
+pub mod film;
+pub mod filter;
+pub mod tile;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::accel::Accel;
+use crate::geometry::record::{Answer, RayRecord};
+use crate::scene::{Color, Scene};
+use crate::settings::ImageSettings;
+use crate::transport::sampler::film_position;
+use crate::transport::{Sink, Transport};
+use film::TileFilm;
+use filter::FilterTable;
+use tile::Tile;
+
+/// Records traced at once: enough to be worth a batch, few enough for the second-level cache.
+const BATCH: usize = 1024;
+
+/// Rays by what made them, in the order of [`RayRecord::ORIGINS`].
+pub type RayCounts = [u64; RayRecord::ORIGINS.len()];
+
+/// Rays counted by many threads.
+#[derive(Debug, Default)]
+pub struct RayTally([AtomicU64; RayRecord::ORIGINS.len()]);
+
+impl RayTally {
+    pub fn add(&self, rays: &RayCounts) {
+        for (sum, rays) in self.0.iter().zip(rays) {
+            sum.fetch_add(*rays, Ordering::Relaxed);
+        }
+    }
+
+    pub fn counts(&self) -> RayCounts {
+        std::array::from_fn(|kind| self.0[kind].load(Ordering::Relaxed))
+    }
+}
+
+/// Everything that a thread needs to render any tile.
+pub struct Renderer<'a> {
+    scene: &'a Scene,
+    accel: &'a Accel,
+    settings: &'a ImageSettings,
+    transport: Transport<'a>,
+    filter: FilterTable,
+}
+
+impl<'a> Renderer<'a> {
+    pub fn new(scene: &'a Scene, accel: &'a Accel, settings: &'a ImageSettings) -> Self {
+        let transport = Transport::new(scene, settings);
+        Renderer { scene, accel, settings, transport, filter: FilterTable::new(settings.filter) }
+    }
+
+    /// Planes of each pixel of the film.
+    pub fn planes(&self) -> usize {
+        self.filter.planes()
+    }
+
+    /// See `Film::resolve`.
+    pub fn negative_mass(&self) -> f64 {
+        self.filter.negative_mass()
+    }
+
+    /// Renders all samples of one tile. Pure: the same deposits on any rank and thread.
+    pub fn tile(&self, tile: Tile) -> (TileFilm, RayCounts) {
+        let mut film = TileFilm::new(tile, self.settings.width, self.planes());
+        let rays = tile
+            .pixels(self.settings.width)
+            .flat_map(|pixel| (0..self.settings.spp).map(move |sample| self.camera_ray(pixel, sample)));
+        let counts = self.trace_to_end(rays, &mut film);
+        (film, counts)
+    }
+
+    /// Traces camera rays and all that grows from them. Branches are followed newest first, so that few rays wait however deep they go.
+    fn trace_to_end(&self, mut cameras: impl Iterator<Item = RayRecord>, film: &mut TileFilm) -> RayCounts {
+        let mut counts = RayCounts::default();
+        let (mut waiting, mut wave) = (Vec::new(), Vec::with_capacity(BATCH));
+        let mut answers: Vec<Answer> = Vec::with_capacity(BATCH);
+        loop {
+            let newest = waiting.len().saturating_sub(BATCH);
+            wave.clear();
+            wave.extend(waiting.drain(newest..));
+            for record in cameras.by_ref().take(BATCH - wave.len()) {
+                film.count(&record);
+                wave.push(record);
+            }
+            if wave.is_empty() {
+                return counts;
+            }
+            self.accel.trace(&self.scene.surfaces, &wave, &mut answers);
+            for (record, answer) in wave.iter().zip(&answers) {
+                counts[record.made_by() as usize] += 1;
+                self.transport.advance(record, answer, &mut Split { waiting: &mut waiting, film });
+            }
+        }
+    }
+
+    /// The ray of one sample of a pixel (y * width + x). A single sample goes through the pixel's centre.
+    fn camera_ray(&self, pixel: u32, sample: u32) -> RayRecord {
+        let settings = self.settings;
+        let (mut offset, mut plane) = ([0.0; 2], 0);
+        if settings.spp > 1 {
+            (offset, plane) = self.filter.sample(film_position(settings.seed, pixel, sample));
+        }
+        let x = f64::from(pixel % settings.width) + 0.5 + offset[0];
+        let y = f64::from(pixel / settings.width) + 0.5 + offset[1];
+        let (width, height) = (f64::from(settings.width), f64::from(settings.height));
+        let (origin, direction) = self.scene.header.camera.ray(x, y, width, height);
+        RayRecord::camera(origin, direction, pixel, sample, plane)
+    }
+}
+
+/// New rays to one side, light to the other.
+struct Split<'a> {
+    waiting: &'a mut Vec<RayRecord>,
+    film: &'a mut TileFilm,
+}
+
+impl Sink for Split<'_> {
+    fn push(&mut self, record: RayRecord) {
+        self.waiting.push(record);
+    }
+
+    fn deposit(&mut self, record: &RayRecord, radiance: Color) {
+        self.film.deposit(record, radiance);
+    }
+}

@@ -1,0 +1,70 @@
+//! What happens at the end of a ray: light is deposited, and more rays are made. Written once for every split;
+//! knows nothing of threads, tiles, ranks or accelerators.
+//!
+//! Shading is done in f64.
+
+mod phong;
+pub mod sampler;
+mod surface;
+mod whitted;
+
+use crate::geometry::record::{Answer, RayRecord};
+use crate::scene::{Color, Scene};
+use crate::settings::{ImageSettings, Integrator};
+
+/// Where [`Transport::advance`] sends what it makes.
+pub trait Sink {
+    /// A new ray.
+    fn push(&mut self, record: RayRecord);
+    /// Linear RGB radiance for the record's pixel and film plane.
+    fn deposit(&mut self, record: &RayRecord, radiance: Color);
+}
+
+/// A scene seen with the settings that decide how far light is followed.
+#[derive(Clone, Copy, Debug)]
+pub struct Transport<'a> {
+    scene: &'a Scene,
+    integrator: Integrator,
+    max_depth: u32,
+    min_weight: f64,
+    /// The scene's ambient light and that of all lights.
+    ambient: Color,
+    /// Whether a shadow ray may pass through something.
+    transparent: bool,
+}
+
+impl<'a> Transport<'a> {
+    pub fn new(scene: &'a Scene, settings: &ImageSettings) -> Self {
+        let header = &scene.header;
+        let lights = header.lights.iter();
+        Transport {
+            scene,
+            integrator: settings.integrator,
+            max_depth: settings.max_depth,
+            min_weight: settings.min_weight,
+            ambient: lights.fold(header.ambient, |sum, light| add(sum, light.ambient)),
+            transparent: header.materials.iter().any(|material| material.is_transparent()),
+        }
+    }
+
+    /// Goes on from the answer to a record: deposits what is complete and pushes what must be traced. Pure but for `out`.
+    pub fn advance(&self, record: &RayRecord, answer: &Answer, out: &mut impl Sink) {
+        match self.integrator {
+            Integrator::Whitted => whitted::advance(self, record, answer, out),
+        }
+    }
+}
+
+fn add(a: Color, b: Color) -> Color {
+    std::array::from_fn(|k| a[k] + b[k])
+}
+
+fn times(a: Color, b: Color) -> Color {
+    std::array::from_fn(|k| a[k] * b[k])
+}
+
+fn scaled(a: Color, factor: f64) -> Color {
+    a.map(|c| c * factor)
+}
+
+const BLACK: Color = [0.0; 3];

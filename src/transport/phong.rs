@@ -1,0 +1,76 @@
+//! Local illumination: Phong, "Illumination for Computer Generated Pictures", 1975; Gouraud's interpolation, 1971.
+//!
+//! I = ka·Ia + Σ over lights (kd (L·N) Id + ks (R·V)^α Is); the specular term only where L·N > 0. A light behind
+//! the geometric normal gives nothing either.
+
+use glam::DVec3;
+
+use super::surface::{Interaction, Vertex};
+use super::{BLACK, add, scaled, times};
+use crate::scene::light::Arrival;
+use crate::scene::{Color, Light, Shading};
+
+/// The view of a hit that illumination needs.
+pub struct View {
+    /// Where the ray came from.
+    pub eye: DVec3,
+    /// Unit vector to the viewer.
+    pub to_viewer: DVec3,
+    /// Whether all eye rays are parallel, so that V is the same everywhere.
+    pub parallel: bool,
+}
+
+/// What one light adds if nothing is in the way.
+pub fn illuminate(
+    hit: &Interaction,
+    light: &Light,
+    arrival: &Arrival,
+    view: &View,
+    world_unit: f64,
+) -> Color {
+    if arrival.to_light.dot(hit.geometric) <= 0.0 {
+        return BLACK;
+    }
+    let [diffuse, specular] = match hit.shading {
+        Shading::Gouraud => {
+            let terms = hit.vertices.map(|vertex| at_vertex(&vertex, hit, light, view, world_unit));
+            [0, 1].map(|k| {
+                (terms[0][k] * hit.weights[0] + terms[1][k] * hit.weights[1]) + terms[2][k] * hit.weights[2]
+            })
+        }
+        Shading::Phong | Shading::Flat => {
+            let shininess = hit.material.shininess;
+            factors(arrival.to_light, hit.normal, view.to_viewer, shininess).map(|f| f * arrival.strength)
+        }
+    };
+    let diffuse = scaled(times(times(hit.material.kd, hit.diffuse_tint), light.diffuse), diffuse);
+    add(diffuse, scaled(times(hit.material.ks, light.specular), specular))
+}
+
+/// L·N and (R·V)^α.
+fn factors(to_light: DVec3, normal: DVec3, to_viewer: DVec3, shininess: f64) -> [f64; 2] {
+    let Some(l) = to_light.try_normalize() else { return [0.0; 2] };
+    let cosine = l.dot(normal);
+    if cosine <= 0.0 {
+        return [0.0; 2];
+    }
+    let reflected = normal * (2.0 * cosine) - l;
+    let highlight = reflected.dot(to_viewer);
+    [cosine, if highlight > 0.0 { libm::pow(highlight, shininess) } else { 0.0 }]
+}
+
+/// Both factors at a vertex, times what arrives there.
+fn at_vertex(vertex: &Vertex, hit: &Interaction, light: &Light, view: &View, world_unit: f64) -> [f64; 2] {
+    let arrival = light.arrival(vertex.position, world_unit);
+    let to_viewer = if view.parallel {
+        view.to_viewer
+    } else {
+        (view.eye - vertex.position).try_normalize().unwrap_or(view.to_viewer)
+    };
+    factors(arrival.to_light, vertex.normal, to_viewer, hit.material.shininess).map(|f| f * arrival.strength)
+}
+
+/// ka·Ia plus the surface's own emission: what needs no light ray.
+pub fn unshadowed(hit: &Interaction, ambient: Color) -> Color {
+    add(times(times(hit.material.ka, hit.ambient_tint), ambient), hit.material.emission)
+}

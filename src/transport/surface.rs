@@ -1,0 +1,143 @@
+//! The surface at a hit: exact position, both normals on the viewer's side, material and colours.
+
+use glam::DVec3;
+
+use crate::geometry::record::{Answer, RayRecord};
+use crate::scene::mesh::NONE;
+use crate::scene::{Color, Material, Part, Scene, Shading};
+
+/// What shading needs to know of a hit.
+pub struct Interaction<'a> {
+    pub position: DVec3,
+    pub primitive: u32,
+    /// Unit geometric normal on the side that the ray came from.
+    pub geometric: DVec3,
+    /// Unit shading normal on the same side of the surface.
+    pub normal: DVec3,
+    /// Whether the ray came from outside: from where the surface's own geometric normal points.
+    pub entering: bool,
+    pub material: &'a Material,
+    pub shading: Shading,
+    /// What multiplies kd: texture and vertex colour.
+    pub diffuse_tint: Color,
+    /// What multiplies ka: the texture.
+    pub ambient_tint: Color,
+    /// Of a Gouraud-shaded triangle its vertices and their normals on the ray's side.
+    pub vertices: [Vertex; 3],
+    /// Barycentric weights of the vertices.
+    pub weights: [f64; 3],
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Vertex {
+    pub position: DVec3,
+    pub normal: DVec3,
+}
+
+impl<'a> Interaction<'a> {
+    pub fn new(scene: &'a Scene, record: &RayRecord, answer: &Answer) -> Self {
+        let part = scene.part(answer.primitive);
+        let material = &scene.header.materials[part.material as usize];
+        let direction = DVec3::from(record.direction);
+        match scene.surfaces.sphere_at(answer.primitive) {
+            Some(sphere) => {
+                let center = DVec3::from(sphere.center.map(f64::from));
+                let hit = DVec3::from(record.origin) + direction * answer.t;
+                // Back onto the sphere: the farther the origin, the farther off it is the computed hit.
+                let outward = (hit - center).normalize();
+                let entering = outward.dot(direction) < 0.0;
+                let normal = if entering { outward } else { -outward };
+                Interaction {
+                    position: center + outward * f64::from(sphere.radius),
+                    primitive: answer.primitive,
+                    geometric: normal,
+                    normal,
+                    entering,
+                    material,
+                    shading: part.shading,
+                    diffuse_tint: [1.0; 3],
+                    ambient_tint: [1.0; 3],
+                    vertices: [Vertex::default(); 3],
+                    weights: [0.0; 3],
+                }
+            }
+            None => Self::on_triangle(scene, part, material, answer, direction),
+        }
+    }
+
+    fn on_triangle(
+        scene: &'a Scene,
+        part: &Part,
+        material: &'a Material,
+        answer: &Answer,
+        direction: DVec3,
+    ) -> Self {
+        let surfaces = &scene.surfaces;
+        let corners = surfaces.triangle(answer.primitive).map(|v| DVec3::from(v.map(f64::from)));
+        let weights = [(1.0 - answer.u) - answer.v, answer.u, answer.v];
+        let outward = unit((corners[1] - corners[0]).cross(corners[2] - corners[0]));
+        let entering = outward.dot(direction) < 0.0;
+        let geometric = if entering { outward } else { -outward };
+        let indices = surfaces.triangles[answer.primitive as usize].map(|index| index - part.vertices);
+        let at = |base: u32, corner: usize| (base + indices[corner]) as usize;
+
+        let mut vertices = corners.map(|position| Vertex { position, normal: geometric });
+        let mut normal = geometric;
+        if part.normals != NONE {
+            for corner in 0..3 {
+                let stored = DVec3::from(surfaces.normals[at(part.normals, corner)].map(f64::from));
+                vertices[corner].normal = to_side(stored, outward, entering).unwrap_or(geometric);
+            }
+            let blend = weighted(vertices.map(|vertex| vertex.normal), weights);
+            normal = to_side(blend, geometric, true).unwrap_or(geometric);
+        }
+
+        let mut ambient_tint = [1.0; 3];
+        if let Some(texture) = material.texture
+            && part.uvs != NONE
+        {
+            let uvs: [[f32; 2]; 3] = std::array::from_fn(|corner| surfaces.uvs[at(part.uvs, corner)]);
+            let [u, v] = std::array::from_fn(|k| {
+                (f64::from(uvs[0][k]) * weights[0] + f64::from(uvs[1][k]) * weights[1])
+                    + f64::from(uvs[2][k]) * weights[2]
+            });
+            ambient_tint = scene.textures[texture as usize].sample(u, v);
+        }
+        let mut diffuse_tint = ambient_tint;
+        if part.colors != NONE {
+            let colors: [DVec3; 3] = std::array::from_fn(|corner| {
+                DVec3::from(surfaces.colors[at(part.colors, corner)].map(f64::from))
+            });
+            diffuse_tint = super::times(diffuse_tint, weighted(colors, weights).to_array());
+        }
+        Interaction {
+            position: weighted(corners, weights),
+            primitive: answer.primitive,
+            geometric,
+            normal,
+            entering,
+            material,
+            shading: part.shading,
+            diffuse_tint,
+            ambient_tint,
+            vertices,
+            weights,
+        }
+    }
+}
+
+fn weighted(values: [DVec3; 3], weights: [f64; 3]) -> DVec3 {
+    (values[0] * weights[0] + values[1] * weights[1]) + values[2] * weights[2]
+}
+
+/// A unit vector, also where the square of its length leaves f64's range.
+fn unit(v: DVec3) -> DVec3 {
+    let largest = v.abs().max_element();
+    if largest > 0.0 { (v / largest).normalize() } else { DVec3::Z }
+}
+
+/// `normal`, normalised, on the side of the surface that `reference` points to (`same`) or on the other. `None` if it has no direction.
+fn to_side(normal: DVec3, reference: DVec3, same: bool) -> Option<DVec3> {
+    let normal = normal.try_normalize()?;
+    Some(if (normal.dot(reference) >= 0.0) == same { normal } else { -normal })
+}
