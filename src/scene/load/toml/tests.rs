@@ -303,7 +303,8 @@ fn what_is_wrong_is_named_with_its_line() {
         "[[object]]\ntype = 'terrain'\nroughness = 2 #! from 0 to 1".into(),
         "[[object]]\ntype = 'terrain'\nheight = 1e60\ncells = 8"
             .replace("[[object]]", "[[object]] #! which f32 can't hold"),
-        "[[object]]\ntype = 'terrain'\ncells = 32767\n[[object]] #! 2^31\ntype = 'sphereflake'".into(),
+        "[[object]]\ntype = 'terrain'\ncells = 32767\n[[object]] #! 2^31\ntype = 'sphereflake'\ndepth = 6"
+            .into(),
         "[[object]]\ntype = 'teapot'\nlevel = 0 #! from 1 to 2048".into(),
         "[[object]]\ntype = 'box'\nsize = [1, 2] #! isn't a length".into(),
         "[[object]]\ntype = 'box'\nsize = [1, 2, 0] #! isn't a length".into(),
