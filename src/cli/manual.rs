@@ -31,7 +31,7 @@ pub fn man(args: &ManArgs, mut command: Command) -> Result<()> {
     let Some(dir) = &args.dir else { return print(&String::from_utf8_lossy(&page(command)?)) };
     for subcommand in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
         let name = format!("heliostat-{}", subcommand.get_name());
-        let bytes = page(subcommand.clone().name(name.clone()))?;
+        let bytes = page(subcommand.clone())?;
         file::write_whole(&dir.join(format!("{name}.1")), |out| std::io::Write::write_all(out, &bytes))?;
     }
     let bytes = page(command)?;

@@ -68,7 +68,10 @@ fn panic_line(info: &PanicHookInfo) -> String {
 /// exit code. Never returns, and never waits for anyone.
 pub fn fail(error: &Error) -> ! {
     end_once();
-    if !MUTE.load(Ordering::Relaxed) {
+    if MUTE.load(Ordering::Relaxed) {
+        // Launchers kill the others when the first process ends, so the one that speaks must come before.
+        std::thread::sleep(Duration::from_millis(300));
+    } else {
         say(&error.to_string(), prefix());
     }
     comm::abort(error.exit_code());

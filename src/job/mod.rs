@@ -62,7 +62,7 @@ fn deal_tiles(
         let _span = crew.timeline.span(0, "prepass");
         let (costs, rays) = crew.pool.install(|| cost::estimate(renderer, work.image.crop, tiling));
         stats.rays.prepass = rays.iter().sum();
-        Plan::largest_first(&costs)
+        Plan::new((0..).zip(costs))
     });
 
     // All ranks render; tiles come home as they are done.

@@ -60,6 +60,23 @@ pub struct RankStats {
     pub bytes_sent: u64,
 }
 
+impl fmt::Display for RankStats {
+    /// One line: what this rank did.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let PhaseSeconds { load, build, broadcast, trace, gather, write } = self.seconds;
+        write!(
+            f,
+            "rank {}: {} threads, {} tiles, {} rays, {} bytes sent; seconds: load {load:.3}, build {build:.3}, \
+             broadcast {broadcast:.3}, trace {trace:.3}, gather {gather:.3}, write {write:.3}",
+            self.rank,
+            self.threads,
+            self.tiles,
+            self.rays.sum(),
+            self.bytes_sent
+        )
+    }
+}
+
 /// Sums over all ranks, and what follows from them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Totals {

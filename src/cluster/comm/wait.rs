@@ -2,55 +2,35 @@
 
 use std::time::Duration;
 
-/// Pauses between polls: a few turns of yielding, then sleeps that grow from 50 µs to a ceiling.
-#[derive(Clone, Debug)]
+/// Pauses between polls: a few turns of yielding, then sleeps from 50 µs that grow with the time waited, about a
+/// tenth of it, up to 2 ms. So a short wait ends at once, and a long one costs next to nothing.
+#[derive(Clone, Debug, Default)]
 pub struct Backoff {
-    idle_polls: u32,
-    ceiling: Duration,
+    polls: u32,
+    sleep: Option<Duration>,
 }
 
 impl Backoff {
     const YIELDS: u32 = 16;
-    const FIRST_SLEEP: Duration = Duration::from_micros(50);
+    const SHORTEST: Duration = Duration::from_micros(50);
+    const LONGEST: Duration = Duration::from_millis(2);
 
-    /// Sleeps that grow to `ceiling` at most.
-    pub fn up_to(ceiling: Duration) -> Self {
-        Backoff { idle_polls: 0, ceiling }
-    }
-
-    /// Something has come: the next may be close behind.
-    pub fn reset(&mut self) {
-        self.idle_polls = 0;
-    }
-
-    /// Raises or lowers the ceiling.
-    pub fn set_ceiling(&mut self, ceiling: Duration) {
-        self.ceiling = ceiling;
-    }
-
-    /// The length of the next sleep, for those who wait on something better than a clock.
-    pub fn next_sleep(&mut self) -> Duration {
-        let doublings = self.idle_polls.min(10);
-        self.idle_polls = self.idle_polls.saturating_add(1);
-        (Self::FIRST_SLEEP * (1 << doublings)).min(self.ceiling)
-    }
-
-    /// Yields a few times, then sleeps.
+    /// Waits a little longer than the last time.
     pub fn wait(&mut self) {
-        if self.idle_polls < Self::YIELDS {
-            self.idle_polls += 1;
-            std::thread::yield_now();
-        } else {
-            let doublings = (self.idle_polls - Self::YIELDS).min(10);
-            self.idle_polls = self.idle_polls.saturating_add(1);
-            std::thread::sleep((Self::FIRST_SLEEP * (1 << doublings)).min(self.ceiling));
+        match self.next_sleep() {
+            Some(sleep) => std::thread::sleep(sleep),
+            None => std::thread::yield_now(),
         }
     }
-}
 
-impl Default for Backoff {
-    fn default() -> Self {
-        Backoff::up_to(Duration::from_micros(500))
+    fn next_sleep(&mut self) -> Option<Duration> {
+        if self.polls < Self::YIELDS {
+            self.polls += 1;
+        } else {
+            self.sleep =
+                Some(self.sleep.map_or(Self::SHORTEST, |sleep| (sleep + sleep / 8).min(Self::LONGEST)));
+        }
+        self.sleep
     }
 }
 
@@ -59,11 +39,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sleeps_grow_to_the_ceiling_and_start_over() {
-        let mut backoff = Backoff::up_to(Duration::from_micros(300));
-        let sleeps: Vec<_> = (0..5).map(|_| backoff.next_sleep().as_micros()).collect();
-        assert_eq!(sleeps, [50, 100, 200, 300, 300]);
-        backoff.reset();
-        assert_eq!(backoff.next_sleep().as_micros(), 50);
+    fn sleeps_grow_with_the_time_waited_up_to_a_limit() {
+        let mut backoff = Backoff::default();
+        let mut waited = Duration::ZERO;
+        for poll in 0..100 {
+            let sleep = backoff.next_sleep();
+            assert_eq!(sleep.is_none(), poll < Backoff::YIELDS);
+            let sleep = sleep.unwrap_or_default();
+            assert!(sleep <= Backoff::SHORTEST + waited / 8 && sleep <= Backoff::LONGEST);
+            waited += sleep;
+        }
+        assert_eq!(backoff.next_sleep(), Some(Backoff::LONGEST));
     }
 }

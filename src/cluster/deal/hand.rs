@@ -18,6 +18,9 @@ pub(super) type Cancelled = AtomicBool;
 /// Units asked for ahead are at most this many times the threads, however slow the answers are.
 const MOST_AHEAD: usize = 16;
 
+const SHORTEST_PAUSE: Duration = Duration::from_micros(100);
+const LONGEST_PAUSE: Duration = Duration::from_millis(2);
+
 struct Finished {
     unit: u32,
     bytes: Vec<u8>,
@@ -91,10 +94,20 @@ impl<'a, 'scope> Hand<'a, 'scope> {
     /// busy over a `round_trip` of asking for more. 0 as long as enough are waiting.
     pub fn lack(&self, round_trip: Duration) -> usize {
         let here = self.line.len() + self.in_pool;
-        let mean = self.busy.as_secs_f64() / self.units.max(1) as f64;
+        let mean = self.mean_time().as_secs_f64();
         let meanwhile = if mean > 0.0 { round_trip.as_secs_f64() / mean * self.threads as f64 } else { 0.0 };
         let ahead = (self.threads + meanwhile.ceil() as usize).min(self.threads * MOST_AHEAD);
         (self.threads + ahead).saturating_sub(here)
+    }
+
+    /// The pause between two looks at the network: well below the time of a unit, which is what everyone has in
+    /// reserve, and no shorter, for each look is a thread woken on a processor that is computing.
+    pub fn poll_pause(&self) -> Duration {
+        (self.mean_time() / 4).clamp(SHORTEST_PAUSE, LONGEST_PAUSE)
+    }
+
+    fn mean_time(&self) -> Duration {
+        self.busy / self.units.max(1) as u32
     }
 
     /// Takes units in, and starts what the pool has room for.
@@ -117,6 +130,7 @@ impl<'a, 'scope> Hand<'a, 'scope> {
                 }
                 let start = Instant::now();
                 let panic = catch_unwind(AssertUnwindSafe(|| render(unit, &mut bytes))).err();
+                cancelled.fetch_or(panic.is_some(), Ordering::Relaxed);
                 // The receiver is gone only where the deal has failed.
                 let _ = finish.send(Finished { unit, bytes, busy: start.elapsed(), panic });
             });

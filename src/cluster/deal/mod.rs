@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 use rayon::ThreadPool;
 use serde::{Deserialize, Serialize};
 
-use super::comm::{Backoff, Comm, Message, Tag};
+use super::comm::{Comm, Message, Tag};
 use crate::error::{Error, Result};
 use hand::Hand;
 use plan::Dealer;
@@ -114,7 +114,6 @@ fn lead(
 ) -> Result<()> {
     let mut dealer = Dealer::new(plan, comm.size(), hand.threads());
     let mut to_tell = comm.size() - 1;
-    let mut backoff = Backoff::default();
     loop {
         let lack = hand.lack(Duration::ZERO);
         if lack > 0 {
@@ -149,10 +148,8 @@ fn lead(
             return Ok(());
         }
         if idle {
-            let pause = if to_tell == 0 && dealer.only_own_out() { LONG_PAUSE } else { backoff.next_sleep() };
-            hand.wait(pause);
-        } else {
-            backoff.reset();
+            let quiet = to_tell == 0 && dealer.only_own_out();
+            hand.wait(if quiet { LONG_PAUSE } else { hand.poll_pause() });
         }
     }
 }
@@ -163,7 +160,6 @@ fn follow(comm: &dyn Comm, hand: &mut Hand) -> Result<usize> {
     let mut round_trip = Duration::ZERO;
     let mut more = true;
     let mut chunks = 0;
-    let mut backoff = Backoff::default();
     loop {
         let lack = hand.lack(round_trip);
         if more && asked.is_none() && lack > 0 {
@@ -193,9 +189,7 @@ fn follow(comm: &dyn Comm, hand: &mut Hand) -> Result<usize> {
         if idle {
             // With nothing on the wire only the pool can bring news.
             let quiet = asked.is_none() && sending == 0;
-            hand.wait(if quiet { LONG_PAUSE } else { backoff.next_sleep() });
-        } else {
-            backoff.reset();
+            hand.wait(if quiet { LONG_PAUSE } else { hand.poll_pause() });
         }
     }
 }

@@ -1,0 +1,74 @@
+//! What the integration tests share.
+#![allow(dead_code)]
+
+use std::path::{Path, PathBuf};
+
+use heliostat::accel::Accel;
+use heliostat::image::Image;
+use heliostat::job::Work;
+use heliostat::scene::load;
+use heliostat::settings::{AccelKind, Crop, ImageSettings, RunSettings};
+
+pub fn repository() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The folder of real meshes that developers may have beside the repository.
+pub fn shared_data() -> Option<PathBuf> {
+    let folder = std::env::var_os("HELIOSTAT_DATA")
+        .map_or_else(|| repository().join("../shared/data"), PathBuf::from);
+    if !folder.is_dir() {
+        println!("skipped: no folder of real meshes at {}", folder.display());
+        return None;
+    }
+    Some(folder)
+}
+
+/// Every scene of the repository, in order of name.
+pub fn scenes() -> Vec<PathBuf> {
+    let mut scenes: Vec<PathBuf> = std::fs::read_dir(repository().join("scenes"))
+        .expect("the repository has scenes")
+        .map(|entry| entry.expect("a readable entry").path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .collect();
+    scenes.sort();
+    assert!(scenes.len() >= 8, "only {} scenes found", scenes.len());
+    scenes
+}
+
+pub fn name(scene: &Path) -> String {
+    scene.file_stem().expect("a file name").to_string_lossy().into_owned()
+}
+
+/// A scene at a small size that no tile size divides, with two samples per pixel.
+pub fn small_work(scene: &Path, accel: AccelKind) -> Work {
+    let mut loaded = load::load(scene).expect("the repository's scenes are good");
+    let (width, height) = (54, 41);
+    loaded.fit(width, height);
+    let defaults = &loaded.image;
+    let image = ImageSettings {
+        width,
+        height,
+        crop: Crop { x0: 0, y0: 0, x1: width, y1: height },
+        spp: 2,
+        seed: 7,
+        max_depth: defaults.max_depth.unwrap_or(8),
+        filter: defaults.filter.unwrap_or(heliostat::settings::Filter::Mitchell),
+        ..ImageSettings::default()
+    };
+    let accel_built = Accel::build(accel, &loaded.scene.surfaces);
+    let run = RunSettings { accel, ..RunSettings::default() };
+    Work { scene: loaded.scene, accel: accel_built, image, run }
+}
+
+/// A fingerprint of every bit of an image.
+pub fn fingerprint(image: &Image) -> String {
+    let mut bytes = Vec::new();
+    for pixel in &image.pixels {
+        pixel.iter().for_each(|c| bytes.extend(c.to_bits().to_le_bytes()));
+    }
+    // Two independent 32-bit sums make an accident unlikely enough.
+    let turned: Vec<u8> = bytes.iter().rev().map(|byte| byte.rotate_left(3)).collect();
+    let (sum, other) = (crc32fast::hash(&bytes), crc32fast::hash(&turned));
+    format!("{}x{}-{sum:08x}{other:08x}", image.width, image.height)
+}

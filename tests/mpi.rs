@@ -1,0 +1,106 @@
+//! Real MPI: this program starts itself under `mpirun` with 1 to 4 ranks. Each launch renders every scene in several ways, since
+//! a launch costs more than a small image; what rank 0 says is compared with one process alone.
+
+#![cfg_attr(not(feature = "mpi"), allow(dead_code, unused_imports))]
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::process::{Command, ExitCode};
+
+use common::{fingerprint, name, scenes, small_work};
+use heliostat::cluster::share::Share;
+use heliostat::cluster::{self, Comm, Solo};
+use heliostat::error::Result;
+use heliostat::job::{self, Crew, Work};
+use heliostat::output::progress::ProgressKind;
+use heliostat::output::stats::RankStats;
+use heliostat::output::timeline::Timeline;
+use heliostat::settings::AccelKind;
+
+/// Set for the processes that are ranks.
+const RANK_PROCESS: &str = "HELIOSTAT_TEST_RANK";
+
+/// Threads of each rank, tile size, bytes per step of a broadcast.
+const WAYS: [(usize, u32, usize); 4] = [(1, 16, 1 << 28), (2, 8, 1_000), (3, 33, 65_536), (1, 64, 4_097)];
+
+fn main() -> ExitCode {
+    if std::env::var_os(RANK_PROCESS).is_some() {
+        return cluster::run(render_all);
+    }
+    #[cfg(feature = "mpi")]
+    compare_launches();
+    #[cfg(not(feature = "mpi"))]
+    println!("skipped: built without the feature mpi");
+    ExitCode::SUCCESS
+}
+
+/// Collective: prints a line for each scene and way on rank 0.
+fn render_all(comm: &dyn Comm) -> Result<()> {
+    for scene in scenes() {
+        let mut origin = if comm.rank() == 0 { small_work(&scene, AccelKind::Bvh) } else { Work::default() };
+        for (way, (threads, tile_size, chunk_bytes)) in WAYS.into_iter().enumerate() {
+            // A large scene in small steps would only be slow.
+            let small = share_small(comm, &origin)?;
+            comm.set_chunk_bytes(if small { chunk_bytes } else { chunk_bytes.max(65_536) });
+            origin.run.tile_size = tile_size;
+            let mut work = if comm.rank() == 0 { origin.clone() } else { Work::default() };
+            work.share(Share::new(comm))?;
+            let pool = job::thread_pool(threads)?;
+            let progress = ProgressKind::None.start();
+            let crew = Crew { comm, pool: &pool, timeline: &Timeline::off(), progress: &*progress };
+            let image = job::render(&crew, &work, &mut RankStats::default())?;
+            if let Some(image) = image {
+                println!("{} {way} {}", name(&scene), fingerprint(&image));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn share_small(comm: &dyn Comm, work: &Work) -> Result<bool> {
+    cluster::share::computed(comm, || Ok(work.scene.surfaces.len() < 20_000))
+}
+
+#[cfg(feature = "mpi")]
+fn compare_launches() {
+    let mut alone = BTreeMap::new();
+    for scene in scenes() {
+        let work = small_work(&scene, AccelKind::Bvh);
+        let pool = job::thread_pool(2).unwrap();
+        let progress = ProgressKind::None.start();
+        let crew =
+            Crew { comm: &Solo::new(), pool: &pool, timeline: &Timeline::off(), progress: &*progress };
+        let image = job::render(&crew, &work, &mut RankStats::default()).unwrap().expect("rank 0");
+        for way in 0..WAYS.len() {
+            alone.insert(format!("{} {way}", name(&scene)), fingerprint(&image));
+        }
+    }
+    for ranks in 1..=4 {
+        let said = launch(ranks);
+        let found: BTreeMap<String, String> = said
+            .lines()
+            .filter_map(|line| line.rsplit_once(' '))
+            .map(|(key, value)| (key.to_string(), value.to_string()))
+            .collect();
+        assert_eq!(found, alone, "with {ranks} ranks");
+        println!("{ranks} ranks: {} images, each the same bytes as alone", found.len());
+    }
+}
+
+#[cfg(feature = "mpi")]
+fn launch(ranks: usize) -> String {
+    let launcher = std::env::var("HELIOSTAT_TEST_MPIRUN")
+        .expect("HELIOSTAT_TEST_MPIRUN holds the launcher's command; launch/test sets it");
+    let mut words = launcher.split_whitespace();
+    let output = Command::new(words.next().expect("a launcher"))
+        .args(words)
+        .args(["-n", &ranks.to_string()])
+        .arg(std::env::current_exe().unwrap())
+        .env(RANK_PROCESS, "1")
+        .output()
+        .expect("the launcher starts");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{ranks} ranks ended with {}: {errors}", output.status);
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
