@@ -57,9 +57,9 @@ pub fn run(args: &Args) -> Result<()> {
         above("relMSE", found.rel_mse, args.max_relmse),
         above("the largest difference", found.maximum, args.max_difference),
         above("FLIP", found.flip, args.max_flip),
-        args.min_psnr.filter(|&limit| found.psnr < limit).map(|limit| {
-            format!("PSNR {:.2} dB is below {limit}", found.psnr)
-        }),
+        args.min_psnr
+            .filter(|&limit| found.psnr < limit)
+            .map(|limit| format!("PSNR {:.2} dB is below {limit}", found.psnr)),
     ]
     .into_iter()
     .flatten()

@@ -40,8 +40,6 @@ pub fn man(args: &ManArgs, mut command: Command) -> Result<()> {
 
 fn page(command: Command) -> Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    clap_mangen::Man::new(command)
-        .render(&mut bytes)
-        .map_err(|error| Error::write("manual page", error))?;
+    clap_mangen::Man::new(command).render(&mut bytes).map_err(|error| Error::write("manual page", error))?;
     Ok(bytes)
 }

@@ -75,7 +75,9 @@ fn parse() -> Result<Option<Command>> {
                 print(&error.render().to_string())?;
                 Ok(None)
             }
-            _ => Err(Error::Flags(error.render().to_string().trim_start_matches("error: ").trim_end().into())),
+            _ => {
+                Err(Error::Flags(error.render().to_string().trim_start_matches("error: ").trim_end().into()))
+            }
         },
     }
 }

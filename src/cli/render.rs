@@ -23,7 +23,14 @@ pub struct Args {
     /// A scene (.toml) or a model (.obj)
     scene: PathBuf,
     /// Image file: .png, .exr or .pfm, or - for PNG on standard output; may be repeated [default: the scene's name, .png]
-    #[arg(short, long, value_name = "FILE", env = "HELIOSTAT_OUTPUT", value_delimiter = ',', help_heading = "Image")]
+    #[arg(
+        short,
+        long,
+        value_name = "FILE",
+        env = "HELIOSTAT_OUTPUT",
+        value_delimiter = ',',
+        help_heading = "Image"
+    )]
     output: Vec<String>,
     /// Pixels across; alone it keeps the scene's aspect ratio [default: the scene's, else 512]
     #[arg(long, value_name = "N", env = "HELIOSTAT_WIDTH", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
@@ -245,8 +252,7 @@ fn size(args: &Args, scene: &ImageDefaults, default: &ImageSettings) -> Result<(
 }
 
 fn write_image(image: &Image, work: &Work, errand: &Errand) -> Result<()> {
-    let options =
-        WriteOptions { encoding: work.image.encoding, metadata: metadata::describe(&work.image) };
+    let options = WriteOptions { encoding: work.image.encoding, metadata: metadata::describe(&work.image) };
     errand.targets.iter().try_for_each(|target| write::write(image, target, &options))
 }
 
@@ -276,8 +282,11 @@ fn weight(text: &str) -> std::result::Result<f64, String> {
 }
 
 fn crop(text: &str) -> std::result::Result<Crop, String> {
-    let numbers: Vec<u32> =
-        text.split(',').map(|part| part.trim().parse()).collect::<std::result::Result<_, _>>().unwrap_or_default();
+    let numbers: Vec<u32> = text
+        .split(',')
+        .map(|part| part.trim().parse())
+        .collect::<std::result::Result<_, _>>()
+        .unwrap_or_default();
     match numbers[..] {
         [x0, y0, x1, y1] if x0 < x1 && y0 < y1 => Ok(Crop { x0, y0, x1, y1 }),
         _ => Err("give four whole numbers X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1".into()),

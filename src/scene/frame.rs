@@ -72,6 +72,9 @@ fn exact_shift(surfaces: &Surfaces, axis: usize) -> f64 {
         low = low.min(point[axis]);
         high = high.max(point[axis]);
     }
+    if low > high {
+        return 0.0;
+    }
     // A coordinate on either side of 0, or nearer to 0 than the surfaces are wide: nothing to gain.
     if !(low > 0.0 && high - low < low || high < 0.0 && high - low < -high) {
         return 0.0;
@@ -106,6 +109,11 @@ mod tests {
             assert_eq!(scaled.positions, plain.positions);
             assert_eq!(other.scale * f64::from(factor), frame.scale);
         }
+    }
+
+    #[test]
+    fn nothing_has_the_plain_frame() {
+        assert_eq!(Frame::apply(&mut Surfaces::default()), Frame::default());
     }
 
     #[test]

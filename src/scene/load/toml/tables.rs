@@ -24,7 +24,7 @@ pub struct File {
     pub object: Vec<Spanned<Object>>,
 }
 
-/// A table all of whose keys are optional and know their place.
+/// A table whose `type` decides which of its keys mean something.
 macro_rules! table {
     ($(#[$about:meta])* $name:ident { $($key:ident: $value:ty,)* }) => {
         $(#[$about])*
@@ -59,40 +59,40 @@ table! {
     }
 }
 
-table! {
-    /// `[render]`
-    Render {
-        width: u32,
-        height: u32,
-        spp: u32,
-        seed: u64,
-        max_depth: u32,
-        min_weight: Amount,
-        integrator: Integrator,
-        filter: Filter,
-        encoding: Encoding,
-        background: Rgb,
-        ambient: Rgb,
-        ambient_floor: Amount,
-    }
+/// `[render]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Render {
+    pub width: Option<Spanned<u32>>,
+    pub height: Option<Spanned<u32>>,
+    pub spp: Option<Spanned<u32>>,
+    pub seed: Option<Spanned<u64>>,
+    pub max_depth: Option<Spanned<u32>>,
+    pub min_weight: Option<Spanned<Amount>>,
+    pub integrator: Option<Spanned<Integrator>>,
+    pub filter: Option<Spanned<Filter>>,
+    pub encoding: Option<Spanned<Encoding>>,
+    pub background: Option<Spanned<Rgb>>,
+    pub ambient: Option<Spanned<Rgb>>,
+    pub ambient_floor: Option<Spanned<Amount>>,
 }
 
-table! {
-    /// `[[material]]`
-    Material {
-        name: String,
-        ka: Rgb,
-        kd: Rgb,
-        ks: Rgb,
-        shininess: Amount,
-        kr: Rgb,
-        kt: Rgb,
-        ior: Finite,
-        reflectivity: Amount,
-        emission: Rgb,
-        fresnel: bool,
-        texture: String,
-    }
+/// `[[material]]`
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Material {
+    pub name: Option<Spanned<String>>,
+    pub ka: Option<Spanned<Rgb>>,
+    pub kd: Option<Spanned<Rgb>>,
+    pub ks: Option<Spanned<Rgb>>,
+    pub shininess: Option<Spanned<Amount>>,
+    pub kr: Option<Spanned<Rgb>>,
+    pub kt: Option<Spanned<Rgb>>,
+    pub ior: Option<Spanned<Finite>>,
+    pub reflectivity: Option<Spanned<Amount>>,
+    pub emission: Option<Spanned<Rgb>>,
+    pub fresnel: Option<Spanned<bool>>,
+    pub texture: Option<Spanned<String>>,
 }
 
 table! {

@@ -1,0 +1,182 @@
+//! The scene format, TOML: see docs/scene-format.md. Reads and checks the text first, then makes what it describes.
+//! Knows no command line.
+
+mod check;
+mod header;
+mod object;
+mod source;
+mod tables;
+mod transform;
+mod value;
+
+#[cfg(test)]
+mod tests;
+
+use std::path::{Path, PathBuf};
+
+use self::header::NamedMaterial;
+use self::object::{Object, Shape};
+use self::source::Source;
+use super::texture::Textures;
+use super::{ImageDefaults, Loaded, framing, obj};
+use crate::error::{Error, Result};
+use crate::scene::build::SceneBuilder;
+use crate::scene::generate::cuboid::cuboid;
+use crate::scene::generate::icosphere::icosphere;
+use crate::scene::generate::plane::plane;
+use crate::scene::generate::sphereflake::sphereflake;
+use crate::scene::generate::teapot::teapot;
+use crate::scene::{Material, SceneHeader};
+
+/// Reads a scene file and all that it names.
+///
+/// # Errors
+/// As [`super::load`].
+pub fn load(path: &Path) -> Result<Loaded> {
+    let bytes = std::fs::read(path).map_err(|source| Error::read(path, source))?;
+    let text = match std::str::from_utf8(&bytes) {
+        Ok(text) => text,
+        Err(error) => {
+            let line = bytes[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count() + 1;
+            return Err(Error::scene(path, Some(line), "the text isn't UTF-8", "save the file as UTF-8"));
+        }
+    };
+    let source = Source { file: path, text };
+    build(&source, describe(&source)?)
+}
+
+/// What a scene file says, checked as far as that goes without opening another file.
+struct Description {
+    /// Without materials; the camera is meant if `camera` is true.
+    header: SceneHeader,
+    camera: bool,
+    image: ImageDefaults,
+    materials: Vec<NamedMaterial>,
+    objects: Vec<Object>,
+    warnings: Vec<String>,
+}
+
+fn describe(source: &Source) -> Result<Description> {
+    let file: tables::File = ::toml::from_str(source.text).map_err(|error| syntax(source, &error))?;
+    let mut header = SceneHeader::default();
+    let mut warnings = Vec::new();
+    let image = header::render(source, file.render, &mut header)?;
+    let camera = file.camera.is_some();
+    if let Some(camera) = file.camera {
+        header.camera = header::camera(source, camera)?;
+    }
+    let (materials, names) = header::materials(source, file.material, &mut warnings)?;
+    for light in file.light {
+        header.lights.push(header::light(source, light)?);
+    }
+    let mut objects = Vec::new();
+    let mut primitives = 0;
+    for table in file.object {
+        let object = object::object(source, table, &names)?;
+        primitives += object.shape.count();
+        if primitives > i32::MAX as u64 {
+            let what = "with this object there are more than 2^31 primitives";
+            return Err(source.error(&object.at, what, "use fewer cells or levels"));
+        }
+        let textured = object.material.is_some_and(|index| materials[index as usize].texture.is_some());
+        if textured && !object.shape.has_uvs() {
+            let what = "its material's texture isn't seen: this shape has no texture coordinates";
+            warnings.push(source.warning(&object.at, what));
+        }
+        objects.push(object);
+    }
+    let shines = |entry: &NamedMaterial| entry.material.emission != [0.0; 3];
+    if objects.is_empty() {
+        warnings.push(format!("{}: no objects: the image shows the background", source.file.display()));
+    } else if header.lights.is_empty() && header.ambient == [0.0; 3] && !materials.iter().any(shines) {
+        warnings.push(format!("{}: no light: all surfaces are black", source.file.display()));
+    }
+    Ok(Description { header, camera, image, materials, objects, warnings })
+}
+
+/// One line for an error of the format itself, or of a value of the wrong kind.
+fn syntax(source: &Source, error: &::toml::de::Error) -> Error {
+    let what = error
+        .message()
+        .replace('\n', ", ")
+        .replace("expected f64", "expected a number")
+        .replace("expected u32", "expected a whole number from 0 to 4294967295")
+        .replace("expected u64", "expected a whole number from 0");
+    let mend = if what.starts_with("unknown field") {
+        "correct its spelling or remove it"
+    } else if what.contains("map, expected a sequence") {
+        "write [[material]], [[light]] and [[object]] in double brackets"
+    } else if what.starts_with("unknown variant") {
+        "use one of these"
+    } else {
+        "correct the value or the TOML around it"
+    };
+    source.error(&error.span().unwrap_or(0..0), what, mend)
+}
+
+fn build(source: &Source, description: Description) -> Result<Loaded> {
+    let Description { mut header, camera, image, materials, objects, mut warnings } = description;
+    let mut builder = SceneBuilder::new(source.file);
+    let mut textures = Textures::default();
+    for NamedMaterial { mut material, texture } in materials {
+        if let Some((file, at)) = texture {
+            material.texture = Some(textures.load(&file).map_err(|error| source.blame(&at, error))?);
+        }
+        builder.material(material);
+    }
+    let mut grey = None;
+    for object in objects {
+        let at = object.at.clone();
+        make(source, object, &mut builder, &mut textures, &mut grey, &mut warnings)
+            .map_err(|error| source.blame(&at, error))?;
+    }
+    for texture in textures.into_vec() {
+        builder.texture(texture);
+    }
+    if !camera {
+        header.camera = framing::camera(builder.bounds());
+    }
+    Ok(Loaded { scene: builder.finish(header), image, warnings, framed: !camera })
+}
+
+/// Makes one object. `grey` is the material of objects without, once there is one.
+fn make(
+    source: &Source,
+    object: Object,
+    builder: &mut SceneBuilder,
+    textures: &mut Textures,
+    grey: &mut Option<u32>,
+    warnings: &mut Vec<String>,
+) -> Result<()> {
+    let Object { shape, transform, material: given, shading, at: _ } = object;
+    let mut material =
+        || given.unwrap_or_else(|| *grey.get_or_insert_with(|| builder.material(Material::default())));
+    let mesh = match shape {
+        Shape::Mesh { file, at } => {
+            let mesh = obj::read(&file, textures).map_err(|error| source.blame(&at, error))?;
+            return super::place(builder, mesh, &transform, given, shading, warnings);
+        }
+        Shape::Sphere(ball) => {
+            let material = material();
+            return builder.spheres(&[ball], &transform, material);
+        }
+        Shape::Sphereflake { depth, radius } => {
+            let material = material();
+            return builder.spheres(&sphereflake(depth, radius), &transform, material);
+        }
+        Shape::Terrain(terrain) => terrain.mesh(),
+        Shape::Teapot { level } => teapot(level),
+        Shape::Icosphere { level, center, radius } => icosphere(level, center, radius),
+        Shape::Box { low, high } => cuboid(low, high),
+        Shape::Plane { size, repeat } => plane(size, repeat),
+    };
+    let material = material();
+    builder.mesh(mesh, &transform, material, shading)
+}
+
+impl Source<'_> {
+    /// A path that is meant from the scene file's folder.
+    fn beside(&self, path: &str) -> PathBuf {
+        self.file.parent().unwrap_or(Path::new("")).join(path)
+    }
+}
