@@ -338,6 +338,15 @@ fn a_message_as_a_whole() {
 }
 
 #[test]
+fn a_bare_model_is_framed_and_lit() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/textured.obj");
+    let loaded = load(&path).unwrap();
+    assert!(loaded.framed && loaded.warnings.is_empty());
+    assert_eq!((loaded.scene.header.lights.len(), loaded.scene.textures.len()), (2, 1));
+    assert_eq!(loaded.scene.header.materials.len(), 3);
+}
+
+#[test]
 fn files_that_are_no_scenes() {
     let folder = tempfile::tempdir().unwrap();
     let error = |name: &str, bytes: &[u8]| {
