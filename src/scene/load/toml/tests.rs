@@ -380,7 +380,7 @@ fn what_has_no_effect_is_warned_of() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(ProptestConfig::with_cases(1024))]
 
     #[test]
     fn no_bytes_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
@@ -391,7 +391,7 @@ proptest! {
     #[test]
     fn no_mutation_of_a_scene_panics(
         scene in 0..64usize,
-        edits in proptest::collection::vec((any::<prop::sample::Index>(), 0..6u8, any::<char>(), 0..12usize), 1..6),
+        edits in proptest::collection::vec((any::<prop::sample::Index>(), 0..6u8, any::<char>(), 0..12usize), 1..4),
     ) {
         let scenes = scenes();
         let mut text: Vec<char> =
