@@ -15,8 +15,8 @@ pub fn repository() -> &'static Path {
 
 /// The folder of real meshes that developers may have beside the repository.
 pub fn shared_data() -> Option<PathBuf> {
-    let folder = std::env::var_os("HELIOSTAT_DATA")
-        .map_or_else(|| repository().join("../shared/data"), PathBuf::from);
+    let folder =
+        std::env::var_os("HELIOSTAT_DATA").map_or_else(|| repository().join("../shared/data"), PathBuf::from);
     if !folder.is_dir() {
         println!("skipped: no folder of real meshes at {}", folder.display());
         return None;

@@ -100,8 +100,13 @@ pub fn model(path: &Path) -> Result<Loaded> {
     }
     let camera = framing::camera(builder.bounds());
     let lights = framing::lights(&camera);
-    let header =
-        SceneHeader { camera, lights, background: [0.8; 3], ambient: [0.25; 3], ..SceneHeader::default() };
+    let header = SceneHeader {
+        camera,
+        lights,
+        background: [0.62, 0.72, 0.84],
+        ambient: [0.15; 3],
+        ..SceneHeader::default()
+    };
     Ok(Loaded { scene: builder.finish(header), image: ImageDefaults::default(), warnings, framed: true })
 }
 

@@ -338,6 +338,15 @@ fn a_message_as_a_whole() {
 }
 
 #[test]
+fn a_bare_model_is_framed_and_lit() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/textured.obj");
+    let loaded = load(&path).unwrap();
+    assert!(loaded.framed && loaded.warnings.is_empty());
+    assert_eq!((loaded.scene.header.lights.len(), loaded.scene.textures.len()), (2, 1));
+    assert_eq!(loaded.scene.header.materials.len(), 3);
+}
+
+#[test]
 fn files_that_are_no_scenes() {
     let folder = tempfile::tempdir().unwrap();
     let error = |name: &str, bytes: &[u8]| {
@@ -371,7 +380,7 @@ fn what_has_no_effect_is_warned_of() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
+    #![proptest_config(ProptestConfig::with_cases(1024))]
 
     #[test]
     fn no_bytes_panic(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
@@ -382,7 +391,7 @@ proptest! {
     #[test]
     fn no_mutation_of_a_scene_panics(
         scene in 0..64usize,
-        edits in proptest::collection::vec((any::<prop::sample::Index>(), 0..6u8, any::<char>(), 0..12usize), 1..6),
+        edits in proptest::collection::vec((any::<prop::sample::Index>(), 0..6u8, any::<char>(), 0..12usize), 1..4),
     ) {
         let scenes = scenes();
         let mut text: Vec<char> =
