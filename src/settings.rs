@@ -24,10 +24,17 @@ pub struct ImageSettings {
 
 impl Default for ImageSettings {
     fn default() -> Self {
+        ImageSettings::sized(512, 512)
+    }
+}
+
+impl ImageSettings {
+    /// The defaults for a whole image of this size in pixels.
+    pub fn sized(width: u32, height: u32) -> Self {
         ImageSettings {
-            width: 512,
-            height: 512,
-            crop: Crop { x0: 0, y0: 0, x1: 512, y1: 512 },
+            width,
+            height,
+            crop: Crop { x0: 0, y0: 0, x1: width, y1: height },
             spp: 1,
             seed: 0,
             integrator: Integrator::Whitted,
