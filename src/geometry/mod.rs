@@ -4,6 +4,7 @@
 //! hit; every structure and kernel answers exactly as they do. Nothing here fuses multiply and add.
 
 pub mod bounds;
+pub mod filter;
 pub mod record;
 pub mod sphere;
 pub mod start;
