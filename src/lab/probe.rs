@@ -382,7 +382,10 @@ mod tests {
             let up = [0.0, 0.0, factor];
             let [first, second] =
                 target.spawn(&[x, y, z, 0.0, 0.0, 0.0, factor, f32::INFINITY, up[0], up[1], up[2]]);
-            assert_eq!((first.primitive, first.t, second.primitive, second.t), (0, 2.0, 1, 1.0), "{factor}");
+            // Three times the factor need not be an f32 number.
+            let [low, high] = [2.0, 3.0].map(|z| f64::from(world([0.0, 0.0, z])[2]));
+            let step = ((high - low) / f64::from(factor)) as f32;
+            assert_eq!((first.primitive, first.t, second.primitive, second.t), (0, 2.0, 1, step), "{factor}");
         }
     }
 
