@@ -8,8 +8,9 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::PlocBuilder;
 use rayon::prelude::*;
 
-use super::tester::Tester;
+use super::tester::{LANES, Tester};
 use crate::geometry::bounds::Slabs;
+use crate::geometry::filter::{FilterRay, round_down};
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 
@@ -26,7 +27,8 @@ pub struct Bvh {
     pub extent: f64,
 }
 
-const PRIMITIVES_PER_LEAF: u32 = 4;
+/// A leaf is one block of the filter.
+const PRIMITIVES_PER_LEAF: u32 = LANES as u32;
 /// Stacks up to this depth live on the processor's stack.
 const SHALLOW: usize = 64;
 
@@ -79,6 +81,7 @@ impl Bvh {
 
     fn walk<const ANY: bool>(&self, tester: &mut Tester, stack: &mut [(u32, f32)]) {
         let slabs = Slabs::new(&tester.ray, self.extent);
+        let filter = FilterRay::new(&tester.ray, self.extent);
         let enter =
             |node: &Bvh2Node, t_best: f64| slabs.enter(node.min.to_array(), node.max.to_array(), t_best);
         if enter(&self.nodes[0], tester.t_best).is_none() {
@@ -88,8 +91,9 @@ impl Bvh {
         loop {
             let first = node.first_index as usize;
             if node.is_leaf() {
-                for &primitive in &self.primitives[first..first + node.prim_count as usize] {
-                    tester.test(primitive);
+                let primitives = &self.primitives[first..first + node.prim_count as usize];
+                for few in primitives.chunks(LANES) {
+                    tester.test_few(few, filter.as_ref());
                     if ANY && tester.found() {
                         return;
                     }
@@ -158,11 +162,6 @@ fn bound(surfaces: &Surfaces, id: u32) -> Aabb {
             Aabb::new(side(-1.0), side(1.0))
         }
     }
-}
-
-fn round_down(t: f64) -> f32 {
-    let rounded = t as f32;
-    if f64::from(rounded) > t { rounded.next_down() } else { rounded }
 }
 
 #[cfg(test)]

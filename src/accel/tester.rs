@@ -1,5 +1,6 @@
 //! One ray against single primitives: keeps the least (t, id) that counts.
 
+use crate::geometry::filter::{Block, FilterRay, round_up};
 use crate::geometry::record::Answer;
 use crate::geometry::start::Start;
 use crate::geometry::triangle::{self, TriangleHit};
@@ -18,6 +19,9 @@ pub struct Tester<'a> {
     primitive: u32,
     weights: [f64; 3],
 }
+
+/// Triangles that the f32 filter judges at once.
+pub const LANES: usize = 4;
 
 impl<'a> Tester<'a> {
     pub fn new(surfaces: &'a Surfaces, ray: &Ray) -> Self {
@@ -41,6 +45,35 @@ impl<'a> Tester<'a> {
         match (primitive as usize).checked_sub(self.surfaces.triangles.len()) {
             None => self.test_triangle(primitive),
             Some(index) => self.test_sphere(primitive, index),
+        }
+    }
+
+    /// Tests up to [`LANES`] primitives, those first that the filter isn't sure to be missed.
+    #[inline]
+    pub fn test_few(&mut self, primitives: &[u32], filter: Option<&FilterRay>) {
+        let mut open = (1 << primitives.len()) - 1;
+        if let Some(filter) = filter {
+            let triangles = self.surfaces.triangles.len();
+            let mut block: Block<LANES> = [[[0.0; LANES]; 3]; 3];
+            let mut judged = 0;
+            for (lane, &primitive) in primitives.iter().enumerate() {
+                if (primitive as usize) < triangles {
+                    judged |= 1 << lane;
+                    let vertices = self.surfaces.triangle(primitive);
+                    for vertex in 0..3 {
+                        for axis in 0..3 {
+                            block[vertex][axis][lane] = vertices[vertex][axis];
+                        }
+                    }
+                }
+            }
+            if judged != 0 {
+                open &= !(filter.judge(&block, round_up(self.t_best)).out & judged);
+            }
+        }
+        while open != 0 {
+            self.test(primitives[open.trailing_zeros() as usize]);
+            open &= open - 1;
         }
     }
 
