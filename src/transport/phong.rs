@@ -38,6 +38,7 @@ pub fn illuminate(
                 (terms[0][k] * hit.weights[0] + terms[1][k] * hit.weights[1]) + terms[2][k] * hit.weights[2]
             })
         }
+        Shading::Phong | Shading::Flat if arrival.strength <= 0.0 => return BLACK,
         Shading::Phong | Shading::Flat => {
             let shininess = hit.material.shininess;
             factors(arrival.to_light, hit.normal, view.to_viewer, shininess).map(|f| f * arrival.strength)

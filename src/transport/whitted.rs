@@ -52,9 +52,6 @@ fn shade(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut i
     let query = if transport.transparent { Query::Attenuated } else { Query::Occluded };
     for light in &header.lights {
         let arrival = light.arrival(hit.position, world_unit);
-        if arrival.strength <= 0.0 {
-            continue;
-        }
         let throughput = times(local, phong::illuminate(&hit, light, &arrival, &view, world_unit));
         if throughput != BLACK {
             let mut ray = record.onward(hit.position, hit.primitive, arrival.to_light, query, Origin::Shadow);
