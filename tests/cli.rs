@@ -57,8 +57,12 @@ fn formats_hold_the_same_image_and_files_are_the_same_bytes_again() {
     let spheres = scene("orthographic.toml");
     let flags = ["render", &spheres, "--width", "40", "--spp", "3", "-q"];
     let run = |outputs: &[&str], more: &[&str]| {
-        let arguments: Vec<&str> =
-            flags.iter().copied().chain(outputs.iter().flat_map(|o| ["-o", o])).chain(more.iter().copied()).collect();
+        let arguments: Vec<&str> = flags
+            .iter()
+            .copied()
+            .chain(outputs.iter().flat_map(|o| ["-o", o]))
+            .chain(more.iter().copied())
+            .collect();
         let output = heliostat(folder.path(), &arguments);
         assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output.stderr));
         output.stdout
@@ -107,10 +111,36 @@ fn missing_and_unwritable_files_are_named() {
     refuses(&["info", "nowhere.toml"], 1, &["nowhere.toml"]);
     refuses(&["render", &spheres, "-o", "no/such/folder/a.png"], 1, &["no/such/folder", "folder"]);
     refuses(&["render", &spheres, "--stats", "no/such/stats.json"], 1, &["no/such"]);
+    refuses(&["render", &spheres, "-o", &("a".repeat(256) + ".png")], 1, &["aaa.png", "long"]);
     refuses(&["compare", "a.png", "b.png"], 1, &["a.png"]);
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("taken.png")).unwrap();
     refuses_in(folder.path(), &["render", &spheres, "-o", "taken.png"], 1, &["taken.png"]);
+}
+
+/// As in `heliostat render … 2>&1 | head -n 1`.
+#[test]
+fn a_reader_that_went_away_does_not_end_a_render() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_heliostat"))
+        .current_dir(folder.path())
+        .args([
+            "render",
+            &scene("orthographic.toml"),
+            "--width",
+            "32",
+            "-v",
+            "--progress",
+            "json",
+            "-o",
+            "a.png",
+        ])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stderr.take());
+    assert!(child.wait().unwrap().success());
+    assert!(folder.path().join("a.png").is_file());
 }
 
 #[test]
@@ -155,8 +185,23 @@ fn a_bare_model_is_framed_and_lit() {
 fn reports_are_written_and_hold_what_they_promise() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = [
-        "render", &scene("glass.toml"), "--width", "30", "--height", "20", "--threads", "2", "-v", "--progress", "json",
-        "--stats", "stats.json", "--timeline", "timeline.json", "-o", "a.png",
+        "render",
+        &scene("glass.toml"),
+        "--width",
+        "30",
+        "--height",
+        "20",
+        "--threads",
+        "2",
+        "-v",
+        "--progress",
+        "json",
+        "--stats",
+        "stats.json",
+        "--timeline",
+        "timeline.json",
+        "-o",
+        "a.png",
     ];
     let output = heliostat(folder.path(), &arguments);
     assert!(output.status.success(), "{}", text(&output.stderr));
@@ -204,8 +249,19 @@ fn the_environment_sets_flags_and_flags_win() {
 #[test]
 fn images_tell_how_they_were_made_but_not_where() {
     let folder = tempfile::tempdir().unwrap();
-    let arguments =
-        ["render", &scene("orthographic.toml"), "--width", "16", "--seed", "99", "-q", "-o", "a.png", "-o", "a.exr"];
+    let arguments = [
+        "render",
+        &scene("orthographic.toml"),
+        "--width",
+        "16",
+        "--seed",
+        "99",
+        "-q",
+        "-o",
+        "a.png",
+        "-o",
+        "a.exr",
+    ];
     assert!(heliostat(folder.path(), &arguments).status.success());
     for name in ["a.png", "a.exr"] {
         let bytes = text(&std::fs::read(folder.path().join(name)).unwrap());
@@ -233,7 +289,8 @@ fn help_names_every_environment_twin_and_other_commands_print() {
     assert!(stdout(&["completions", "bash"]).contains("--tile-size"));
     assert!(stdout(&["man"]).contains(".TH heliostat"));
     assert!(stdout(&["validate", &scene("teapot.toml"), &scene("cornell.toml")]).lines().count() == 2);
-    let info: serde_json::Value = serde_json::from_str(&stdout(&["info", &scene("sphereflake.toml"), "--json"])).unwrap();
+    let info: serde_json::Value =
+        serde_json::from_str(&stdout(&["info", &scene("sphereflake.toml"), "--json"])).unwrap();
     assert!(info["spheres"].as_u64().unwrap() >= 7381);
     stdout(&["man", "--dir", "."]);
     assert!(folder.path().join("heliostat-render.1").is_file());
