@@ -4,9 +4,10 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use super::{note, warn};
 use crate::accel::Accel;
 use crate::cluster::share::{self, Share};
-use crate::cluster::{Comm, threads};
+use crate::cluster::{self, Comm, threads};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::job::{self, Crew, Work};
@@ -109,7 +110,7 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     // What each rank must know before there is a scene.
     let flag = share::computed(comm, || Ok(args.as_ref().and_then(|args| args.threads)))?;
     let traced = share::computed(comm, || Ok(args.as_ref().is_some_and(|args| args.timeline.is_some())))?;
-    let pool = job::thread_pool(threads::choose(comm, flag)?)?;
+    let pool = share::agreed(comm, job::thread_pool(threads::choose(comm, flag)?))?;
     stats.threads = pool.current_num_threads() as u32;
     let timeline = if traced { Timeline::starting_at(stats.rank, start) } else { Timeline::off() };
     let progress = args.as_ref().map_or(ProgressKind::None, |args| args.progress).start();
@@ -168,10 +169,10 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     loaded.fit(image.width, image.height);
     let run = RunSettings { accel: args.accel, split: args.split, tile_size: args.tile_size };
     if !errand.quiet {
-        loaded.warnings.iter().for_each(|warning| eprintln!("heliostat: warning: {warning}"));
+        warn(&loaded.warnings);
     }
     if errand.verbose {
-        metadata::describe(&image).iter().for_each(|(key, value)| eprintln!("{key}: {value}"));
+        metadata::describe(&image).iter().for_each(|(key, value)| note(format_args!("{key}: {value}")));
     }
     let begin = Instant::now();
     let _span = timeline.span(0, "build");
@@ -188,7 +189,9 @@ fn errand(args: &Args) -> Result<Errand> {
         outputs.push(format!("{stem}.png"));
     }
     let targets = outputs.iter().map(|output| Target::parse(output)).collect::<Result<Vec<_>>>()?;
-    targets.iter().try_for_each(Target::check_writable)?;
+    // Under a launcher nobody knows whether standard output is a terminal in the end.
+    let unknown = |target: &&Target| **target == Target::Stdout && cluster::is_launched();
+    targets.iter().filter(|target| !unknown(target)).try_for_each(Target::check_writable)?;
     for path in [&args.stats, &args.timeline].into_iter().flatten() {
         file::check_writable(path)?;
     }
@@ -253,7 +256,10 @@ fn size(args: &Args, scene: &ImageDefaults, default: &ImageSettings) -> Result<(
 
 fn write_image(image: &Image, work: &Work, errand: &Errand) -> Result<()> {
     let options = WriteOptions { encoding: work.image.encoding, metadata: metadata::describe(&work.image) };
-    errand.targets.iter().try_for_each(|target| write::write(image, target, &options))
+    // One folder that is gone must not cost the images that another would take.
+    let written: Vec<Result<()>> =
+        errand.targets.iter().map(|target| write::write(image, target, &options)).collect();
+    written.into_iter().collect()
 }
 
 fn report(errand: &Errand, stats: &Stats) -> Result<()> {
@@ -262,13 +268,13 @@ fn report(errand: &Errand, stats: &Stats) -> Result<()> {
     }
     if errand.verbose {
         for rank in &stats.ranks {
-            eprintln!("{rank}");
+            note(rank);
         }
     }
     if !errand.quiet {
-        eprintln!("{stats}");
+        note(stats);
         for target in &errand.targets {
-            eprintln!("wrote {target}");
+            note(format_args!("wrote {target}"));
         }
     }
     Ok(())
