@@ -235,7 +235,8 @@ fn folder_that_vanishes() {
     let launch = Launch::new();
     let spheres = scene("orthographic.toml");
     std::fs::create_dir(launch.path("gone")).unwrap();
-    let long = ["render", &spheres, "--width", "100", "--spp", "300", "--progress", "json"];
+    // One thread each: some seconds on any machine, and its progress is told five times a second.
+    let long = ["render", &spheres, "--width", "100", "--spp", "300", "--threads", "1", "--progress", "json"];
     let outputs = ["-o", "gone/a.png", "-o", "b.png"];
     let (mut child, mut stderr) = under_way(launch.heliostat(2, &[&long[..], &outputs].concat()));
     std::fs::remove_dir(launch.path("gone")).unwrap();
