@@ -191,7 +191,8 @@ fn no_highlight_where_the_light_is_behind_the_shading_normal() {
     let mut mesh = quad(square(0.0, 20.0));
     mesh.normals = vec![[0.8, 0.6, 0.0]; 4];
     let mut tiny = Tiny::new(HIT + eye, HIT);
-    tiny.mesh(mesh, &glossy(), Shading::Phong);
+    // No diffuse light, which would be negative there and could hide it.
+    tiny.mesh(mesh, &Material { kd: [0.0; 3], ..glossy() }, Shading::Phong);
     tiny.light(&shining(LightShape::Directional { direction: -lamp }));
     assert_eq!(tiny.color(), [0.0; 3]);
 }
