@@ -112,12 +112,14 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     let traced = share::computed(comm, || Ok(args.as_ref().is_some_and(|args| args.timeline.is_some())))?;
     let pool = share::agreed(comm, job::thread_pool(threads::choose(comm, flag)?))?;
     stats.threads = pool.current_num_threads() as u32;
+    let wide_pool = job::wide_pool(comm, &pool)?;
+    let wide = wide_pool.as_ref().unwrap_or(&pool);
     let timeline = if traced { Timeline::starting_at(stats.rank, start) } else { Timeline::off() };
     let progress = args.as_ref().map_or(ProgressKind::None, |args| args.progress).start();
 
     // Rank 0 reads, checks and builds; then everybody has it.
     let made = share::outcome(comm, || match args {
-        Some(args) => pool.install(|| prepare(args, &timeline, &mut stats)).map(Some),
+        Some(args) => wide.install(|| prepare(args, &timeline, &mut stats)).map(Some),
         None => Ok(None),
     })?;
     let (mut work, errand) = made.map_or((Work::default(), None), |(work, errand)| (work, Some(errand)));
@@ -128,7 +130,7 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     }
     stats.seconds.broadcast = begin.elapsed().as_secs_f64();
 
-    let crew = Crew { comm, pool: &pool, timeline: &timeline, progress: &*progress };
+    let crew = Crew { comm, pool: &pool, wide, timeline: &timeline, progress: &*progress };
     let image = job::render(&crew, &work, &mut stats)?;
 
     // Rank 0 writes; a full disk is everybody's error.
