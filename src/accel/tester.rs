@@ -102,13 +102,8 @@ impl<'a> Tester<'a> {
             }
             return;
         }
-        let Some([near, far]) = sphere::intersect(&self.ray, center, f64::from(sphere.radius)) else {
-            return;
-        };
-        if self.ray.begun(near, primitive) {
-            self.offer(near, primitive);
-        } else {
-            self.offer(far, primitive);
+        if let Some(t) = sphere::first(&self.ray, center, f64::from(sphere.radius), primitive) {
+            self.offer(t, primitive);
         }
     }
 

@@ -3,6 +3,7 @@
 mod compare;
 mod info;
 mod manual;
+mod probe;
 mod render;
 mod validate;
 
@@ -36,6 +37,8 @@ enum Command {
     Validate(validate::Args),
     /// Compare two images; exits with 1 if they differ by more than allowed.
     Compare(compare::Args),
+    /// Trace the rays of a binary file against a mesh and write what they meet.
+    Probe(probe::Args),
     /// Print a completion script for a shell.
     Completions(manual::CompletionArgs),
     /// Print the manual page, or write all pages into a folder.
@@ -62,6 +65,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Validate(args)) => validate::run(&args),
         Some(Command::Compare(args)) => compare::run(&args),
+        Some(Command::Probe(args)) => probe::run(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
         Some(Command::Render(_)) | None => Ok(()),

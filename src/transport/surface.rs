@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use crate::geometry::position;
 use crate::geometry::record::{Answer, RayRecord};
 use crate::scene::mesh::NONE;
 use crate::scene::{Color, Material, Part, Scene, Shading};
@@ -43,12 +44,11 @@ impl<'a> Interaction<'a> {
             Some(sphere) => {
                 let center = DVec3::from(sphere.center.map(f64::from));
                 let hit = DVec3::from(record.origin) + direction * answer.t;
-                // Back onto the sphere: the farther the origin, the farther off it is the computed hit.
-                let outward = (hit - center).normalize();
+                let (position, outward) = position::on_sphere(center, f64::from(sphere.radius), hit);
                 let entering = outward.dot(direction) < 0.0;
                 let normal = if entering { outward } else { -outward };
                 Interaction {
-                    position: center + outward * f64::from(sphere.radius),
+                    position,
                     primitive: answer.primitive,
                     geometric: normal,
                     normal,
@@ -74,7 +74,7 @@ impl<'a> Interaction<'a> {
     ) -> Self {
         let surfaces = &scene.surfaces;
         let corners = surfaces.triangle(answer.primitive).map(|v| DVec3::from(v.map(f64::from)));
-        let weights = [(1.0 - answer.u) - answer.v, answer.u, answer.v];
+        let weights = position::weights(answer.u, answer.v);
         let outward = unit((corners[1] - corners[0]).cross(corners[2] - corners[0]));
         let entering = outward.dot(direction) < 0.0;
         let geometric = if entering { outward } else { -outward };
@@ -116,7 +116,7 @@ impl<'a> Interaction<'a> {
             diffuse_tint = super::times(diffuse_tint, weighted(colors, weights).to_array());
         }
         Interaction {
-            position: weighted(corners, weights),
+            position: position::on_triangle(corners, weights),
             primitive: answer.primitive,
             geometric,
             normal,
