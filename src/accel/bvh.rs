@@ -8,9 +8,9 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::PlocBuilder;
 use rayon::prelude::*;
 
-use super::tester::{LANES, Tester};
+use super::{LANES, Visitor};
 use crate::geometry::bounds::Slabs;
-use crate::geometry::filter::{FilterRay, round_down};
+use crate::geometry::filter::round_down;
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 
@@ -67,24 +67,24 @@ impl Bvh {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.primitives.as_slice())
     }
 
-    /// Offers the tester each primitive that could give the least hit; with `ANY` it ends at the first hit.
-    pub(super) fn traverse<const ANY: bool>(&self, tester: &mut Tester) {
+    /// Offers the visitor each primitive that could give the least hit; with `ANY` it ends at the first hit.
+    pub fn traverse<const ANY: bool>(&self, visitor: &mut impl Visitor) {
         if self.nodes.is_empty() {
             return;
         }
+        visitor.begin(self.extent);
         if (self.depth as usize) < SHALLOW {
-            self.walk::<ANY>(tester, &mut [(0, 0.0); SHALLOW]);
+            self.walk::<ANY>(visitor, &mut [(0, 0.0); SHALLOW]);
         } else {
-            self.walk::<ANY>(tester, &mut vec![(0, 0.0); self.depth as usize + 1]);
+            self.walk::<ANY>(visitor, &mut vec![(0, 0.0); self.depth as usize + 1]);
         }
     }
 
-    fn walk<const ANY: bool>(&self, tester: &mut Tester, stack: &mut [(u32, f32)]) {
-        let slabs = Slabs::new(&tester.ray, self.extent);
-        let filter = FilterRay::new(&tester.ray, self.extent);
+    fn walk<const ANY: bool>(&self, visitor: &mut impl Visitor, stack: &mut [(u32, f32)]) {
+        let slabs = Slabs::new(visitor.ray(), self.extent);
         let enter =
             |node: &Bvh2Node, t_best: f64| slabs.enter(node.min.to_array(), node.max.to_array(), t_best);
-        if enter(&self.nodes[0], tester.t_best).is_none() {
+        if enter(&self.nodes[0], visitor.limit()).is_none() {
             return;
         }
         let (mut node, mut waiting) = (&self.nodes[0], 0);
@@ -93,14 +93,14 @@ impl Bvh {
             if node.is_leaf() {
                 let primitives = &self.primitives[first..first + node.prim_count as usize];
                 for few in primitives.chunks(LANES) {
-                    tester.test_few(few, filter.as_ref());
-                    if ANY && tester.found() {
+                    visitor.visit(few);
+                    if ANY && visitor.found() {
                         return;
                     }
                 }
             } else {
                 let (left, right) = (&self.nodes[first], &self.nodes[first + 1]);
-                match (enter(left, tester.t_best), enter(right, tester.t_best)) {
+                match (enter(left, visitor.limit()), enter(right, visitor.limit())) {
                     (Some(l), Some(r)) => {
                         let (far, t) = if l <= r { (first + 1, r) } else { (first, l) };
                         stack[waiting] = (far as u32, round_down(t));
@@ -125,7 +125,7 @@ impl Bvh {
                 }
                 waiting -= 1;
                 let (next, t) = stack[waiting];
-                if f64::from(t) <= tester.t_best {
+                if f64::from(t) <= visitor.limit() {
                     break &self.nodes[next as usize];
                 }
             };
