@@ -221,7 +221,8 @@ fn awkward_rays(positions: &[[f32; 3]], faces: &[[u32; 3]], count: usize) -> Vec
             let t_min = numbers.pick(&[0.0f32, 0.0, 0.0, -1.0, 0.5, f32::NAN, f32::NEG_INFINITY]);
             let t_max = numbers.pick(&[INFINITY, INFINITY, 1.0, 1e30, -2.0]);
             let [wx, wy, wz] = numbers.point();
-            let w = [wx, wy, wz].map(|c| if numbers.next() % 8 == 0 { numbers.pick(&odd) } else { c });
+            let w =
+                [wx, wy, wz].map(|c| if numbers.next().is_multiple_of(8) { numbers.pick(&odd) } else { c });
             let ([ox, oy, oz], [dx, dy, dz]) = (origin, direction);
             [ox, oy, oz, t_min, dx, dy, dz, t_max, w[0], w[1], w[2]]
         })

@@ -7,6 +7,8 @@ mod probe;
 mod render;
 mod validate;
 
+use std::fmt::Display;
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
@@ -88,11 +90,19 @@ fn parse() -> Result<Option<Command>> {
 
 /// Writes to standard output; a reader that closed it early is no error.
 fn print(text: &str) -> Result<()> {
-    use std::io::Write;
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Error::write("standard output", error))
         }
         _ => Ok(()),
     }
+}
+
+/// A line on standard error; a reader that closed it is no reason to end a render, as `eprintln!` would.
+fn note(line: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+fn warn(warnings: &[impl Display]) {
+    warnings.iter().for_each(|warning| note(format_args!("heliostat: warning: {warning}")));
 }

@@ -264,7 +264,7 @@ fn stream<S: Send, const IN: usize, const OUT: usize>(
         whole_records(input, metadata.len(), IN)?;
     }
     let mut records = Vec::new();
-    let mut answers = vec![[0; OUT]; CHUNK];
+    let mut answers: Vec<[u8; OUT]> = std::iter::repeat_n([0; OUT], CHUNK).collect();
     let next_chunk = |records: &mut Vec<u8>| {
         records.clear();
         (&reader).take((IN * CHUNK) as u64).read_to_end(records).map_err(unreadable)?;
