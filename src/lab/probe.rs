@@ -26,29 +26,39 @@ use crate::settings::AccelKind;
 
 /// The formats of all files, for people.
 pub const FORMATS: &str = "\
-Files are plain records without a header, numbers little endian, one answer for each record, in their order.
+Files are plain records without a header, numbers little endian, one answer for
+each record, in their order.
 
-  rays     in   f32[8]   origin xyz, tmin, direction xyz, tmax
-           out  i32, f32   primitive, t
+  rays     in   f32[8]    origin xyz, tmin, direction xyz, tmax
+           out  i32, f32  primitive, t
            The first surface with tmin <= t <= tmax.
-  spawn    in   f32[11]  origin xyz, tmin, direction xyz, tmax, w xyz
+  spawn    in   f32[11]   origin xyz, tmin, direction xyz, tmax, w xyz
            out  i32, f32, i32, f32   primitive, t, second primitive, second t
-           As rays; then from the exact hit point along w, as reflected, refracted and shadow rays start: not to
-           the surface they start on, and without an upper bound. The second t is measured in units of w.
-  chain    in   f32[8]   as rays
-           out  i32[4]   hits, distinct values of floor(primitive / 2), repeats, 0
-           Straight on through every surface from tmin to tmax. Surfaces at the same t come in order of their
-           numbers. Repeats are hits beyond the first of a primitive.
-  spheres  in   f64[11]  centre xyz, radius, origin xyz, direction xyz, tmin
-           out  f64      t, or -1 for a miss
-           The first crossing with tmin <= t. Needs no mesh; --accel changes nothing.
+           As rays; then from the exact hit point along w, as reflected,
+           refracted and shadow rays start: not to the surface they start on,
+           and without an upper bound. The second t is in units of w.
+  chain    in   f32[8]    as rays
+           out  i32[4]    hits, distinct floor(primitive / 2), repeats, 0
+           Straight on through every surface from tmin to tmax. Surfaces at
+           the same t come in order of their numbers. Repeats are hits beyond
+           the first of a primitive.
+  spheres  in   f64[11]   centre xyz, radius, origin xyz, direction xyz, tmin
+           out  f64       t, or -1 for a miss
+           The first crossing with tmin <= t. Needs no mesh; --accel changes
+           nothing.
 
-Primitives are triangles, counted from 0 in the order of the file; a polygon is a fan of triangles from its first
-corner. Triangles without area are never hit but keep their numbers. A miss is primitive -1 and t = +inf. t is
-measured in units of the direction, which may have any length but 0. It is computed in f64 and rounded to the
-nearest f32 (beyond f32's range to +inf). tmin may be negative: then surfaces behind the origin count; tmin and
-tmax may be infinite. Everything misses where an origin, direction, centre or radius is not finite, a direction is
-0 0 0, a radius is not above 0, tmin or tmax is NaN, or tmin > tmax.";
+Primitives are triangles, counted from 0 in the order of the file; a polygon is
+a fan of triangles from its first corner. Triangles without area are never hit
+but keep their numbers.
+
+A miss is primitive -1 and t = +inf. t is measured in units of the direction,
+which may have any length but 0. It is computed in f64 and rounded to the
+nearest f32 (beyond f32's range to +inf).
+
+tmin may be negative: then surfaces behind the origin count; tmin and tmax may
+be infinite. Everything misses where an origin, direction, centre or radius is
+not finite, a direction is 0 0 0, a radius is not above 0, tmin or tmax is NaN,
+or tmin > tmax.";
 
 /// Records that are read, answered and written at once.
 const CHUNK: usize = 1 << 16;
