@@ -44,7 +44,7 @@ pub struct Prepared {
     pub kx: usize,
     pub ky: usize,
     pub kz: usize,
-    /// direction[kx] / direction[kz] and direction[ky] / direction[kz].
+    /// The components along `kx` and `ky`, each over that along `kz`.
     pub shear_x: f64,
     pub shear_y: f64,
     /// In units of the scaled direction.

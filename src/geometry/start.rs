@@ -2,7 +2,7 @@
 //!
 //! A ray starts at the computed f64 hit point, which lies off its triangle's plane and, on an edge, off the neighbour's, by rounding. So the
 //! start's own triangle and its coincident duplicates are excluded, and a triangle that shares a vertex with the start and whose plane holds
-//! the start point to within [`Start::RADIUS`] is met only where topology says so: the ray passes from the start's side behind it (a concave crease).
+//! the start point to within `Start::RADIUS` is met only where topology says so: the ray passes from the start's side behind it (a concave crease).
 
 use super::{Prepared, cross, dot, norm1, sub};
 

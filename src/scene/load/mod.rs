@@ -1,4 +1,4 @@
-//! Scene files in, [`Scene`](super::Scene) out: one file per format.
+//! Scene files in, [`Scene`] out: one file per format.
 
 mod framing;
 mod locate;

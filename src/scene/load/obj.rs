@@ -1,5 +1,5 @@
 //! OBJ files and their MTL files in, meshes and materials out. `tobj` reads the numbers and merges the vertices;
-//! [`obj_lines`](super::obj_lines) stands before it. Knows no scene: where meshes are placed is the caller's.
+//! `obj_lines` stands before it. Knows no scene: where meshes are placed is the caller's.
 
 use std::cell::RefCell;
 use std::fs::File;
