@@ -133,11 +133,12 @@ missing() {
     have_libclang || printf ' %s' libclang
 }
 
-# Tells the launchers apart, and sets what depends on it: `launcher`, the command up to -n, and
-# CARGO_TARGET_DIR, one per MPI because the build script of mpi-sys doesn't notice a change of MPI.
+# Tells the launchers apart, and sets what depends on it: `launcher`, the command up to -n; `quiet`, what
+# makes it leave the talking to heliostat; CARGO_TARGET_DIR, one per MPI because the build script of mpi-sys doesn't notice a change of MPI.
 # shellcheck disable=SC2034
 describe_mpi() {
     local version wrapper name
+    quiet=()
     version=$("$MPIRUN" --version 2>&1 </dev/null) || die "'$MPIRUN --version' fails: $version"
     wrapper=$("$MPICC" -show 2>&1) || die "'$MPICC -show' fails: $wrapper"
     case $version in
@@ -145,6 +146,8 @@ describe_mpi() {
             name=openmpi
             # Ranks bring threads of their own, so no rank may be bound to one core.
             launcher=("$MPIRUN" --bind-to none --oversubscribe)
+            # Else it adds a page to each error, and may give the other ranks a second to end by themselves.
+            quiet=(-q --mca odls_base_sigkill_timeout 0)
             [[ $(id -u) != 0 ]] || export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
             ;;
         *HYDRA*)

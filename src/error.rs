@@ -71,6 +71,7 @@ impl Error {
         let mend = match source.kind() {
             std::io::ErrorKind::NotFound => "create its folder first",
             std::io::ErrorKind::PermissionDenied => "choose a folder you may write to",
+            std::io::ErrorKind::InvalidFilename => "choose a shorter name",
             _ => "check the path and the free space",
         };
         Error::Write { path: path.into(), source, mend: mend.into() }

@@ -111,10 +111,36 @@ fn missing_and_unwritable_files_are_named() {
     refuses(&["info", "nowhere.toml"], 1, &["nowhere.toml"]);
     refuses(&["render", &spheres, "-o", "no/such/folder/a.png"], 1, &["no/such/folder", "folder"]);
     refuses(&["render", &spheres, "--stats", "no/such/stats.json"], 1, &["no/such"]);
+    refuses(&["render", &spheres, "-o", &("a".repeat(256) + ".png")], 1, &["aaa.png", "long"]);
     refuses(&["compare", "a.png", "b.png"], 1, &["a.png"]);
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("taken.png")).unwrap();
     refuses_in(folder.path(), &["render", &spheres, "-o", "taken.png"], 1, &["taken.png"]);
+}
+
+/// As in `heliostat render … 2>&1 | head -n 1`.
+#[test]
+fn a_reader_that_went_away_does_not_end_a_render() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_heliostat"))
+        .current_dir(folder.path())
+        .args([
+            "render",
+            &scene("orthographic.toml"),
+            "--width",
+            "32",
+            "-v",
+            "--progress",
+            "json",
+            "-o",
+            "a.png",
+        ])
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stderr.take());
+    assert!(child.wait().unwrap().success());
+    assert!(folder.path().join("a.png").is_file());
 }
 
 #[test]

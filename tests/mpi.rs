@@ -48,7 +48,8 @@ fn render_all(comm: &dyn Comm) -> Result<()> {
             work.share(Share::new(comm))?;
             let pool = job::thread_pool(threads)?;
             let progress = ProgressKind::None.start();
-            let crew = Crew { comm, pool: &pool, timeline: &Timeline::off(), progress: &*progress };
+            let crew =
+                Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
             let image = job::render(&crew, &work, &mut RankStats::default())?;
             if let Some(image) = image {
                 println!("{} {way} {}", name(&scene), fingerprint(&image));
@@ -69,7 +70,13 @@ fn compare_launches() {
         let work = small_work(&scene, AccelKind::Bvh);
         let pool = job::thread_pool(2).unwrap();
         let progress = ProgressKind::None.start();
-        let crew = Crew { comm: &Solo::new(), pool: &pool, timeline: &Timeline::off(), progress: &*progress };
+        let crew = Crew {
+            comm: &Solo::new(),
+            pool: &pool,
+            wide: &pool,
+            timeline: &Timeline::off(),
+            progress: &*progress,
+        };
         let image = job::render(&crew, &work, &mut RankStats::default()).unwrap().expect("rank 0");
         for way in 0..WAYS.len() {
             alone.insert(format!("{} {way}", name(&scene)), fingerprint(&image));

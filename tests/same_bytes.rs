@@ -17,7 +17,13 @@ use heliostat::settings::{AccelKind, Crop};
 fn render(work: &Work, threads: usize) -> Image {
     let pool = job::thread_pool(threads).unwrap();
     let progress = ProgressKind::None.start();
-    let crew = Crew { comm: &Solo::new(), pool: &pool, timeline: &Timeline::off(), progress: &*progress };
+    let crew = Crew {
+        comm: &Solo::new(),
+        pool: &pool,
+        wide: &pool,
+        timeline: &Timeline::off(),
+        progress: &*progress,
+    };
     job::render(&crew, work, &mut RankStats::default()).unwrap().expect("rank 0")
 }
 

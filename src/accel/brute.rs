@@ -1,5 +1,6 @@
 //! Every primitive is tested: the plain truth that other structures are checked against.
 
+use super::Visitor;
 use super::tester::Tester;
 
 pub(super) fn traverse<const ANY: bool>(tester: &mut Tester) {

@@ -8,8 +8,9 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::PlocBuilder;
 use rayon::prelude::*;
 
-use super::tester::Tester;
+use super::{LANES, Visitor};
 use crate::geometry::bounds::Slabs;
+use crate::geometry::filter::round_down;
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 
@@ -26,7 +27,8 @@ pub struct Bvh {
     pub extent: f64,
 }
 
-const PRIMITIVES_PER_LEAF: u32 = 4;
+/// A leaf is one block of the filter.
+const PRIMITIVES_PER_LEAF: u32 = LANES as u32;
 /// Stacks up to this depth live on the processor's stack.
 const SHALLOW: usize = 64;
 
@@ -65,38 +67,40 @@ impl Bvh {
         size_of_val(self.nodes.as_slice()) + size_of_val(self.primitives.as_slice())
     }
 
-    /// Offers the tester each primitive that could give the least hit; with `ANY` it ends at the first hit.
-    pub(super) fn traverse<const ANY: bool>(&self, tester: &mut Tester) {
+    /// Offers the visitor each primitive that could give the least hit; with `ANY` it ends at the first hit.
+    pub fn traverse<const ANY: bool>(&self, visitor: &mut impl Visitor) {
         if self.nodes.is_empty() {
             return;
         }
+        visitor.begin(self.extent);
         if (self.depth as usize) < SHALLOW {
-            self.walk::<ANY>(tester, &mut [(0, 0.0); SHALLOW]);
+            self.walk::<ANY>(visitor, &mut [(0, 0.0); SHALLOW]);
         } else {
-            self.walk::<ANY>(tester, &mut vec![(0, 0.0); self.depth as usize + 1]);
+            self.walk::<ANY>(visitor, &mut vec![(0, 0.0); self.depth as usize + 1]);
         }
     }
 
-    fn walk<const ANY: bool>(&self, tester: &mut Tester, stack: &mut [(u32, f32)]) {
-        let slabs = Slabs::new(&tester.ray, self.extent);
+    fn walk<const ANY: bool>(&self, visitor: &mut impl Visitor, stack: &mut [(u32, f32)]) {
+        let slabs = Slabs::new(visitor.ray(), self.extent);
         let enter =
             |node: &Bvh2Node, t_best: f64| slabs.enter(node.min.to_array(), node.max.to_array(), t_best);
-        if enter(&self.nodes[0], tester.t_best).is_none() {
+        if enter(&self.nodes[0], visitor.limit()).is_none() {
             return;
         }
         let (mut node, mut waiting) = (&self.nodes[0], 0);
         loop {
             let first = node.first_index as usize;
             if node.is_leaf() {
-                for &primitive in &self.primitives[first..first + node.prim_count as usize] {
-                    tester.test(primitive);
-                    if ANY && tester.found() {
+                let primitives = &self.primitives[first..first + node.prim_count as usize];
+                for few in primitives.chunks(LANES) {
+                    visitor.visit(few);
+                    if ANY && visitor.found() {
                         return;
                     }
                 }
             } else {
                 let (left, right) = (&self.nodes[first], &self.nodes[first + 1]);
-                match (enter(left, tester.t_best), enter(right, tester.t_best)) {
+                match (enter(left, visitor.limit()), enter(right, visitor.limit())) {
                     (Some(l), Some(r)) => {
                         let (far, t) = if l <= r { (first + 1, r) } else { (first, l) };
                         stack[waiting] = (far as u32, round_down(t));
@@ -121,7 +125,7 @@ impl Bvh {
                 }
                 waiting -= 1;
                 let (next, t) = stack[waiting];
-                if f64::from(t) <= tester.t_best {
+                if f64::from(t) <= visitor.limit() {
                     break &self.nodes[next as usize];
                 }
             };
@@ -158,11 +162,6 @@ fn bound(surfaces: &Surfaces, id: u32) -> Aabb {
             Aabb::new(side(-1.0), side(1.0))
         }
     }
-}
-
-fn round_down(t: f64) -> f32 {
-    let rounded = t as f32;
-    if f64::from(rounded) > t { rounded.next_down() } else { rounded }
 }
 
 #[cfg(test)]

@@ -5,11 +5,27 @@ pub mod bvh;
 mod tester;
 
 use crate::geometry::record::{Answer, Query, RayRecord};
-use crate::geometry::{NONE, Ray};
+use crate::geometry::{NONE, Prepared, Ray};
 use crate::scene::Surfaces;
 use crate::settings::AccelKind;
 use bvh::Bvh;
 use tester::Tester;
+
+/// Most primitives that a structure offers at once, and triangles that the f32 filter judges at once.
+pub const LANES: usize = 4;
+
+/// What a structure leads through the primitives near a ray.
+pub trait Visitor {
+    /// The walk begins; `extent` is the largest magnitude of a coordinate of the primitives.
+    fn begin(&mut self, extent: f64);
+    fn ray(&self) -> &Prepared;
+    /// What lies beyond this t, in units of the scaled direction, isn't wanted.
+    fn limit(&self) -> f64;
+    /// At most [`LANES`] primitive ids.
+    fn visit(&mut self, primitives: &[u32]);
+    /// Whether anything has been hit.
+    fn found(&self) -> bool;
+}
 
 /// The structure that answers rays.
 #[derive(Clone, Debug)]

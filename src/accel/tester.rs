@@ -1,5 +1,7 @@
 //! One ray against single primitives: keeps the least (t, id) that counts.
 
+use super::{LANES, Visitor};
+use crate::geometry::filter::{Block, FilterRay, round_up};
 use crate::geometry::record::Answer;
 use crate::geometry::start::Start;
 use crate::geometry::triangle::{self, TriangleHit};
@@ -17,6 +19,7 @@ pub struct Tester<'a> {
     pub t_best: f64,
     primitive: u32,
     weights: [f64; 3],
+    filter: Option<FilterRay>,
 }
 
 impl<'a> Tester<'a> {
@@ -32,6 +35,7 @@ impl<'a> Tester<'a> {
             t_best: prepared.t_max,
             primitive: NONE,
             weights: [0.0; 3],
+            filter: None,
         }
     }
 
@@ -69,13 +73,8 @@ impl<'a> Tester<'a> {
             }
             return;
         }
-        let Some([near, far]) = sphere::intersect(&self.ray, center, f64::from(sphere.radius)) else {
-            return;
-        };
-        if self.ray.begun(near, primitive) {
-            self.offer(near, primitive);
-        } else {
-            self.offer(far, primitive);
+        if let Some(t) = sphere::first(&self.ray, center, f64::from(sphere.radius), primitive) {
+            self.offer(t, primitive);
         }
     }
 
@@ -98,10 +97,6 @@ impl<'a> Tester<'a> {
         self.ray.begun(t, primitive) && (t < self.t_best || (t == self.t_best && primitive < self.primitive))
     }
 
-    pub fn found(&self) -> bool {
-        self.primitive != NONE
-    }
-
     /// The best hit, complete.
     pub fn answer(&self) -> Answer {
         if !self.found() {
@@ -115,6 +110,56 @@ impl<'a> Tester<'a> {
             [answer.u, answer.v] = triangle::barycentrics(&self.ray, &vertices, &hit);
         }
         answer
+    }
+}
+
+impl Visitor for Tester<'_> {
+    fn begin(&mut self, extent: f64) {
+        self.filter = FilterRay::new(&self.ray, extent);
+    }
+
+    #[inline]
+    fn ray(&self) -> &Prepared {
+        &self.ray
+    }
+
+    #[inline]
+    fn limit(&self) -> f64 {
+        self.t_best
+    }
+
+    /// Tests those primitives that the filter isn't sure to be missed.
+    #[inline]
+    fn visit(&mut self, primitives: &[u32]) {
+        let mut open = (1 << primitives.len()) - 1;
+        if let Some(filter) = &self.filter {
+            let triangles = self.surfaces.triangles.len();
+            let mut block: Block<LANES> = [[[0.0; LANES]; 3]; 3];
+            let mut judged = 0;
+            for (lane, &primitive) in primitives.iter().enumerate() {
+                if (primitive as usize) < triangles {
+                    judged |= 1 << lane;
+                    let vertices = self.surfaces.triangle(primitive);
+                    for vertex in 0..3 {
+                        for axis in 0..3 {
+                            block[vertex][axis][lane] = vertices[vertex][axis];
+                        }
+                    }
+                }
+            }
+            if judged != 0 {
+                open &= !(filter.judge(&block, round_up(self.t_best)).out & judged);
+            }
+        }
+        while open != 0 {
+            self.test(primitives[open.trailing_zeros() as usize]);
+            open &= open - 1;
+        }
+    }
+
+    #[inline]
+    fn found(&self) -> bool {
+        self.primitive != NONE
     }
 }
 

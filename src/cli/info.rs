@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use rayon::prelude::*;
 
-use super::print;
+use super::{print, warn};
 use crate::accel::Accel;
 use crate::error::Result;
 use crate::scene::mesh::has_area;
@@ -43,9 +43,7 @@ struct Info {
 
 pub fn run(args: &Args) -> Result<()> {
     let loaded = load::load(&args.scene)?;
-    for warning in &loaded.warnings {
-        eprintln!("heliostat: warning: {warning}");
-    }
+    warn(&loaded.warnings);
     let (surfaces, header) = (&loaded.scene.surfaces, &loaded.scene.header);
     let info = Info {
         triangles: surfaces.triangles.len(),

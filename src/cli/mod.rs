@@ -3,9 +3,12 @@
 mod compare;
 mod info;
 mod manual;
+mod probe;
 mod render;
 mod validate;
 
+use std::fmt::Display;
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
@@ -34,6 +37,8 @@ enum Command {
     Validate(validate::Args),
     /// Compare two images; exits with 1 if they differ by more than allowed.
     Compare(compare::Args),
+    /// Trace the rays of a binary file against a mesh and write what they meet.
+    Probe(probe::Args),
     /// Print a completion script for a shell.
     Completions(manual::CompletionArgs),
     /// Print the manual page, or write all pages into a folder.
@@ -60,6 +65,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Validate(args)) => validate::run(&args),
         Some(Command::Compare(args)) => compare::run(&args),
+        Some(Command::Probe(args)) => probe::run(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
         Some(Command::Render(_)) | None => Ok(()),
@@ -84,11 +90,19 @@ fn parse() -> Result<Option<Command>> {
 
 /// Writes to standard output; a reader that closed it early is no error.
 fn print(text: &str) -> Result<()> {
-    use std::io::Write;
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Error::write("standard output", error))
         }
         _ => Ok(()),
     }
+}
+
+/// A line on standard error; a reader that closed it is no reason to end a render, as `eprintln!` would.
+fn note(line: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+fn warn(warnings: &[impl Display]) {
+    warnings.iter().for_each(|warning| note(format_args!("heliostat: warning: {warning}")));
 }

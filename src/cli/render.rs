@@ -4,9 +4,10 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use super::{note, warn};
 use crate::accel::Accel;
 use crate::cluster::share::{self, Share};
-use crate::cluster::{Comm, threads};
+use crate::cluster::{self, Comm, threads};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::job::{self, Crew, Work};
@@ -109,14 +110,16 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     // What each rank must know before there is a scene.
     let flag = share::computed(comm, || Ok(args.as_ref().and_then(|args| args.threads)))?;
     let traced = share::computed(comm, || Ok(args.as_ref().is_some_and(|args| args.timeline.is_some())))?;
-    let pool = job::thread_pool(threads::choose(comm, flag)?)?;
+    let pool = share::agreed(comm, job::thread_pool(threads::choose(comm, flag)?))?;
     stats.threads = pool.current_num_threads() as u32;
+    let wide_pool = job::wide_pool(comm, &pool)?;
+    let wide = wide_pool.as_ref().unwrap_or(&pool);
     let timeline = if traced { Timeline::starting_at(stats.rank, start) } else { Timeline::off() };
     let progress = args.as_ref().map_or(ProgressKind::None, |args| args.progress).start();
 
     // Rank 0 reads, checks and builds; then everybody has it.
     let made = share::outcome(comm, || match args {
-        Some(args) => pool.install(|| prepare(args, &timeline, &mut stats)).map(Some),
+        Some(args) => wide.install(|| prepare(args, &timeline, &mut stats)).map(Some),
         None => Ok(None),
     })?;
     let (mut work, errand) = made.map_or((Work::default(), None), |(work, errand)| (work, Some(errand)));
@@ -127,7 +130,7 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     }
     stats.seconds.broadcast = begin.elapsed().as_secs_f64();
 
-    let crew = Crew { comm, pool: &pool, timeline: &timeline, progress: &*progress };
+    let crew = Crew { comm, pool: &pool, wide, timeline: &timeline, progress: &*progress };
     let image = job::render(&crew, &work, &mut stats)?;
 
     // Rank 0 writes; a full disk is everybody's error.
@@ -168,10 +171,10 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     loaded.fit(image.width, image.height);
     let run = RunSettings { accel: args.accel, split: args.split, tile_size: args.tile_size };
     if !errand.quiet {
-        loaded.warnings.iter().for_each(|warning| eprintln!("heliostat: warning: {warning}"));
+        warn(&loaded.warnings);
     }
     if errand.verbose {
-        metadata::describe(&image).iter().for_each(|(key, value)| eprintln!("{key}: {value}"));
+        metadata::describe(&image).iter().for_each(|(key, value)| note(format_args!("{key}: {value}")));
     }
     let begin = Instant::now();
     let _span = timeline.span(0, "build");
@@ -188,7 +191,9 @@ fn errand(args: &Args) -> Result<Errand> {
         outputs.push(format!("{stem}.png"));
     }
     let targets = outputs.iter().map(|output| Target::parse(output)).collect::<Result<Vec<_>>>()?;
-    targets.iter().try_for_each(Target::check_writable)?;
+    // Under a launcher nobody knows whether standard output is a terminal in the end.
+    let unknown = |target: &&Target| **target == Target::Stdout && cluster::is_launched();
+    targets.iter().filter(|target| !unknown(target)).try_for_each(Target::check_writable)?;
     for path in [&args.stats, &args.timeline].into_iter().flatten() {
         file::check_writable(path)?;
     }
@@ -253,7 +258,10 @@ fn size(args: &Args, scene: &ImageDefaults, default: &ImageSettings) -> Result<(
 
 fn write_image(image: &Image, work: &Work, errand: &Errand) -> Result<()> {
     let options = WriteOptions { encoding: work.image.encoding, metadata: metadata::describe(&work.image) };
-    errand.targets.iter().try_for_each(|target| write::write(image, target, &options))
+    // One folder that is gone must not cost the images that another would take.
+    let written: Vec<Result<()>> =
+        errand.targets.iter().map(|target| write::write(image, target, &options)).collect();
+    written.into_iter().collect()
 }
 
 fn report(errand: &Errand, stats: &Stats) -> Result<()> {
@@ -262,13 +270,13 @@ fn report(errand: &Errand, stats: &Stats) -> Result<()> {
     }
     if errand.verbose {
         for rank in &stats.ranks {
-            eprintln!("{rank}");
+            note(rank);
         }
     }
     if !errand.quiet {
-        eprintln!("{stats}");
+        note(stats);
         for target in &errand.targets {
-            eprintln!("wrote {target}");
+            note(format_args!("wrote {target}"));
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::print;
+use super::{print, warn};
 use crate::error::Result;
 use crate::scene::load;
 
@@ -16,9 +16,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<()> {
     for path in &args.scenes {
         let loaded = load::load(path)?;
-        for warning in &loaded.warnings {
-            eprintln!("heliostat: warning: {warning}");
-        }
+        warn(&loaded.warnings);
         print(&format!("{}: good\n", path.display()))?;
     }
     Ok(())

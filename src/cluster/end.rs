@@ -72,7 +72,9 @@ pub fn fail(error: &Error) -> ! {
         // Launchers kill the others when the first process ends, so the one that speaks must come before.
         std::thread::sleep(Duration::from_millis(300));
     } else {
-        say(&error.to_string(), prefix());
+        // What all ranks were told is no single rank's own.
+        let shared = matches!(error, Error::Remote { .. });
+        say(&error.to_string(), if shared { String::new() } else { prefix() });
     }
     comm::abort(error.exit_code());
     std::process::exit(error.exit_code())
@@ -80,24 +82,19 @@ pub fn fail(error: &Error) -> ! {
 
 /// Ends this rank's part of the job with what came of it.
 ///
-/// `Ok`, and errors that every rank got from [`share`](super::share) (rank 0 says it once), leave in good
-/// order: all ranks wait for each other, asleep. Any other error is this rank's own, and [`fail`]s.
+/// After `Ok` all ranks wait for each other, asleep, and leave in good order. An error ends the job by [`fail`]: one that
+/// every rank got from [`share`](super::share) on rank 0 alone, which says it once, any other on the rank that has it.
+/// (Leaving in good order with an exit code makes OpenMPI's launcher wait for one or two seconds more.)
 pub fn finish(comm: Box<dyn Comm>, outcome: Result<()>) -> ExitCode {
-    let code = match &outcome {
-        Ok(()) => 0,
-        Err(Error::Remote { message, code }) => {
-            if comm.rank() == 0 {
-                say(message, String::new());
-            }
-            *code
-        }
-        Err(error) => fail(error),
-    };
+    match outcome {
+        Err(error) if comm.rank() == 0 || !matches!(error, Error::Remote { .. }) => fail(&error),
+        _ => {}
+    }
     comm.flush();
-    // Finalising waits too, but burns a core doing so, while rank 0 may be writing a large image.
+    // Finalising waits too, but burns a core doing so, while rank 0 may be writing a large image or an error.
     comm.barrier();
     drop(comm);
-    ExitCode::from(u8::try_from(code).unwrap_or(1))
+    ExitCode::SUCCESS
 }
 
 /// Lets the first caller through; the others wait for the end that it brings.

@@ -35,6 +35,12 @@ pub fn start() -> Result<Box<dyn Comm>> {
     Ok(comm)
 }
 
+/// Whether a launcher such as mpirun started this process, be it alone: then its standard streams are the launcher's,
+/// and don't show where they end. OpenMPI's gives rank 0 a pseudo-terminal for standard output.
+pub fn is_launched() -> bool {
+    launcher::detect(|name| std::env::var(name).ok()).is_some()
+}
+
 #[cfg(feature = "mpi")]
 fn join(launch: &launcher::Launch) -> Result<Box<dyn Comm>> {
     let comm = comm::mpi::MpiComm::start()?;

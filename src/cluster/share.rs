@@ -36,6 +36,28 @@ pub fn computed<T: Serialize + DeserializeOwned>(
     told.map_err(|(message, code)| Error::Remote { message, code })
 }
 
+/// Collective: every rank gives what came of its `own` work, and gets it back if all went well.
+///
+/// Errors: on every rank the first failing rank's, by its number, as in [`outcome`]. So what is wrong on all nodes is said
+/// once, not by as many voices as there are ranks. A single process keeps the original error.
+pub fn agreed<T>(comm: &dyn Comm, own: Result<T>) -> Result<T> {
+    if comm.size() == 1 {
+        return own;
+    }
+    let failure = own.as_ref().err().map(|error| (error.to_string(), error.exit_code()));
+    let failures = comm.gather(&wire::encode(&failure)?);
+    computed(comm, || {
+        let failures: Vec<Option<(String, i32)>> =
+            failures.unwrap_or_default().iter().map(|bytes| wire::decode(bytes)).collect::<Result<_>>()?;
+        let count = failures.iter().flatten().count();
+        let Some(rank) = failures.iter().position(Option::is_some) else { return Ok(()) };
+        let (message, code) = failures[rank].clone().unwrap_or_default();
+        let others = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
+        Err(Error::Remote { message: format!("rank {rank}{others}: {message}"), code })
+    })?;
+    own
+}
+
 /// Fills the values of all ranks with rank 0's, one after the other. All ranks make the same calls in the same
 /// order, so one function can serve as sender and receiver:
 ///
@@ -168,6 +190,20 @@ mod tests {
     fn a_good_outcome_gives_shells_and_a_computed_value_is_everywhere() {
         assert_eq!(on_ranks(3, |comm| outcome(comm, || Ok(7)).unwrap()), [7, 0, 0]);
         assert_eq!(on_ranks(3, |comm| computed(comm, || Ok("seven".to_string())).unwrap()), ["seven"; 3]);
+    }
+
+    #[test]
+    fn an_error_of_any_rank_is_everybodys_once() {
+        let told = |failing: &'static [usize]| {
+            on_ranks(3, move |comm| {
+                let wrong = failing.contains(&comm.rank());
+                agreed(comm, if wrong { Err(Error::usage("-o", "no", "yes")) } else { Ok(comm.rank()) })
+                    .map_err(|error| (error.exit_code(), error.to_string()))
+            })
+        };
+        assert_eq!(told(&[]), [Ok(0), Ok(1), Ok(2)]);
+        assert_eq!(told(&[2]), vec![Err((2, "rank 2: -o: no; yes".to_string())); 3]);
+        assert_eq!(told(&[0, 1, 2]), vec![Err((2, "rank 0 and 2 more: -o: no; yes".to_string())); 3]);
     }
 
     #[test]

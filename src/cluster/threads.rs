@@ -13,12 +13,13 @@ pub const VARIABLE: &str = "HELIOSTAT_THREADS";
 /// `flag` if given, else `HELIOSTAT_THREADS` of this rank's own environment, else the processors this rank may run
 /// on, divided among the ranks of the same machine that may run on exactly the same ones. At least 1.
 ///
-/// Errors: a variable that is no positive number, on this rank alone.
+/// Errors: on every rank, a variable of any rank that is no positive number.
 pub fn choose(comm: &dyn Comm, flag: Option<NonZeroUsize>) -> Result<usize> {
     let variable = std::env::var(VARIABLE).ok();
     // Neighbours may lack the variable, and then count on every rank to take part.
     let fair = fair_share(comm)?;
-    Ok(explicit(flag, variable.as_deref())?.unwrap_or(fair))
+    let explicit = share::agreed(comm, explicit(flag, variable.as_deref()))?;
+    Ok(explicit.unwrap_or(fair))
 }
 
 fn explicit(flag: Option<NonZeroUsize>, variable: Option<&str>) -> Result<Option<usize>> {

@@ -171,7 +171,7 @@ mod tests {
         let origin: [f64; 3] =
             std::array::from_fn(|axis| center[axis] * numbers.pick(&[0.0, 1.0]) + far * numbers.signed());
         let mut direction = DVec3::from(target) - DVec3::from(origin);
-        if numbers.next() % 8 == 0 {
+        if numbers.next().is_multiple_of(8) {
             direction[numbers.next() as usize % 3] = 0.0;
         }
         let t_min = numbers.pick(&[0.0, 0.0, 0.999_999, 1.0]);

@@ -5,6 +5,7 @@
 
 pub mod bounds;
 pub mod filter;
+pub mod position;
 pub mod record;
 pub mod sphere;
 pub mod start;

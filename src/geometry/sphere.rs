@@ -26,6 +26,12 @@ pub fn intersect(ray: &Prepared, center: [f64; 3], radius: f64) -> Option<[f64; 
     Some(if t0 <= t1 { [t0, t1] } else { [t1, t0] })
 }
 
+/// The first crossing that isn't before the ray's begin, for a sphere of this primitive id.
+#[inline]
+pub fn first(ray: &Prepared, center: [f64; 3], radius: f64, id: u32) -> Option<f64> {
+    intersect(ray, center, radius)?.into_iter().find(|&t| ray.begun(t, id))
+}
+
 /// The other crossing of a ray that starts on the sphere itself: there is one only where it goes inwards.
 #[inline]
 pub fn leave(ray: &Prepared, center: [f64; 3]) -> Option<f64> {

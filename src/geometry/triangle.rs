@@ -37,6 +37,10 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
     if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
         return None;
     }
+    // All zero: seen from here the corners lie on one line with the ray, or coincide. It passes between them or elsewhere on that line.
+    if u == 0.0 && v == 0.0 && w == 0.0 && !(surrounds(ax, bx, cx) && surrounds(ay, by, cy)) {
+        return None;
+    }
     let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
     let n = cross(e1, e2);
     let along = dot(n, ray.direction);
@@ -50,6 +54,12 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
         t = clamp_to_slabs(ray, vertices, t);
     }
     Some(TriangleHit { t, weights: [u, v, w] })
+}
+
+/// Whether 0 lies between the least and the largest of the numbers.
+#[inline]
+fn surrounds(a: f64, b: f64, c: f64) -> bool {
+    a.min(b).min(c) <= 0.0 && a.max(b).max(c) >= 0.0
 }
 
 /// Brings t into the interval in which the ray is inside the triangle's box.
@@ -144,6 +154,17 @@ mod tests {
             let hit = intersect(&prepared, &UNIT).expect("straight down");
             assert_eq!(hit.t * prepared.scale * length, 1.0, "2^{exponent}");
         }
+    }
+
+    #[test]
+    fn corners_that_fall_together_are_met_only_where_they_are() {
+        // From so far away f64 can't tell the corners apart, and every edge function is 0.
+        let power = |exponent: i32| libm::exp2(f64::from(exponent));
+        let wall = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let origin = [-power(100), power(70), power(71)];
+        assert!(intersect(&ray(origin, [power(30), -1.0, -2.0]), &wall).is_some());
+        assert!(intersect(&ray(origin, [power(30), -1.0, -3.0]), &wall).is_none());
+        assert!(intersect(&ray(origin, [1.0, 0.0, 0.0]), &wall).is_none());
     }
 
     #[test]

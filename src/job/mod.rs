@@ -26,6 +26,8 @@ pub use share::Work;
 pub struct Crew<'a> {
     pub comm: &'a dyn Comm,
     pub pool: &'a ThreadPool,
+    /// What rank 0 computes with while the others wait for it; see [`wide_pool`].
+    pub wide: &'a ThreadPool,
     pub timeline: &'a Timeline,
     /// Shown by rank 0 only.
     pub progress: &'a dyn Progress,
@@ -60,7 +62,7 @@ fn deal_tiles(
     // A coarse look at the image tells which tiles are hot.
     let plan = leads.then(|| {
         let _span = crew.timeline.span(0, "prepass");
-        let (costs, rays) = crew.pool.install(|| cost::estimate(renderer, work.image.crop, tiling));
+        let (costs, rays) = crew.wide.install(|| cost::estimate(renderer, work.image.crop, tiling));
         stats.rays.prepass = rays.iter().sum();
         Plan::new((0..).zip(costs))
     });
@@ -126,6 +128,19 @@ pub fn thread_pool(threads: usize) -> Result<ThreadPool> {
     })
 }
 
+/// On rank 0 of several: a pool over the threads of all ranks of its node, for what is done while those wait. `None` where
+/// the rank's own pool is as good.
+///
+/// # Errors
+/// The system gives no more threads.
+pub fn wide_pool(comm: &dyn Comm, own: &ThreadPool) -> Result<Option<ThreadPool>> {
+    let (_, neighbours) = comm.node_local();
+    let threads = own.current_num_threads();
+    let processors = std::thread::available_parallelism().map_or(threads, |n| n.get());
+    let wide = (threads * neighbours).min(processors);
+    if comm.rank() == 0 && wide > threads { thread_pool(wide).map(Some) } else { Ok(None) }
+}
+
 /// Renders a scene in this process alone, on all its processors: the simplest way to embed heliostat.
 ///
 /// # Errors
@@ -135,7 +150,8 @@ pub fn render_alone(scene: Scene, image: ImageSettings, run: RunSettings) -> Res
     let accel = pool.install(|| Accel::build(run.accel, &scene.surfaces));
     let work = Work { scene, accel, image, run };
     let progress = ProgressKind::None.start();
-    let crew = Crew { comm: &Solo::new(), pool: &pool, timeline: &Timeline::off(), progress: &*progress };
+    let timeline = &Timeline::off();
+    let crew = Crew { comm: &Solo::new(), pool: &pool, wide: &pool, timeline, progress: &*progress };
     let rendered = render(&crew, &work, &mut RankStats::default())?;
     Ok(rendered.expect("a single process is rank 0"))
 }

@@ -8,8 +8,7 @@ use ::exr::meta::attribute::{AttributeValue, LineOrder, Text};
 use ::exr::meta::header::{Header, LayerAttributes};
 use ::exr::prelude::{Compression, ReadChannels, ReadLayers, ReadSpecificChannel, Vec2, WritableImage, read};
 
-use super::read::{Broken, MAX_FILE_BYTES, check_size, pixel_buffer};
-use super::write::WriteOptions;
+use super::format::{Broken, MAX_FILE_BYTES, WriteOptions, check_size, pixel_buffer};
 use crate::image::Image;
 
 /// Stands before every metadata key, so that none meets one of OpenEXR's own attributes.

@@ -15,7 +15,7 @@ pub fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::R
 }
 
 /// Fails now if `write_whole(path, …)` would fail later: the folder must exist and be writable, and
-/// `path` must be absent or a regular file.
+/// `path` must be absent or a regular file, or a link to one.
 pub fn check_writable(path: &Path) -> Result<()> {
     let refuse = |kind: io::ErrorKind, what: &str, mend: &str| Error::Write {
         path: path.into(),
@@ -33,10 +33,13 @@ pub fn check_writable(path: &Path) -> Result<()> {
                 "choose another name",
             ));
         }
+        Err(source) if source.kind() == io::ErrorKind::InvalidFilename => {
+            return Err(Error::write(path, source));
+        }
         // What else can be wrong with the path is wrong with its folder, too.
         _ => {}
     }
-    let folder = folder_of(path);
+    let folder = folder_of(&behind_links(path).map_err(|source| Error::write(path, source))?);
     match fs::metadata(&folder) {
         Ok(found) if found.is_dir() => {}
         Ok(_) => {
@@ -50,7 +53,7 @@ pub fn check_writable(path: &Path) -> Result<()> {
 }
 
 fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
-    let path = if path.is_symlink() { fs::canonicalize(path)? } else { path.to_path_buf() };
+    let path = behind_links(path)?;
     if path.file_name().is_none() || path.is_dir() {
         return Err(io::Error::new(io::ErrorKind::IsADirectory, "it is a folder"));
     }
@@ -63,6 +66,11 @@ fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()
     drop(file);
     fs::rename(&temporary.path, &path)
     // The temporary name is gone now: dropping its guard finds nothing to remove.
+}
+
+/// The file itself, where `path` is a link to it; an error where that leads nowhere.
+fn behind_links(path: &Path) -> io::Result<PathBuf> {
+    if path.is_symlink() { fs::canonicalize(path) } else { Ok(path.into()) }
 }
 
 fn folder_of(path: &Path) -> PathBuf {
@@ -153,6 +161,18 @@ mod tests {
         assert!(message(&folder.path().join("no/such/a.png")).contains("create its folder first"));
         fs::write(folder.path().join("plain"), "").unwrap();
         assert!(message(&folder.path().join("plain/a.png")).contains("plain is not a folder"));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn check_refuses_what_the_write_would() {
+        let folder = tempfile::tempdir().unwrap();
+        let dangling = folder.path().join("link");
+        std::os::unix::fs::symlink("nowhere", &dangling).unwrap();
+        for path in [dangling, folder.path().join("n".repeat(256))] {
+            assert!(write_whole(&path, |_| Ok(())).is_err());
+            assert!(check_writable(&path).is_err(), "{}", path.display());
+        }
     }
 
     #[cfg(target_os = "linux")]

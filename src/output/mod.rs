@@ -6,6 +6,7 @@
 pub mod compare;
 pub mod exr;
 pub mod file;
+mod format;
 pub mod metadata;
 pub mod pfm;
 pub mod png;

@@ -4,7 +4,7 @@
 
 use std::io::{self, Write};
 
-use super::read::{Broken, check_size, pixel_buffer};
+use super::format::{Broken, check_size, pixel_buffer};
 use crate::image::Image;
 
 /// Writes a colour PFM, little endian.

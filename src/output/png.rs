@@ -6,9 +6,8 @@ use ::png::{
     BitDepth, ColorType, Compression, Decoder, Encoder, ScaledFloat, SrgbRenderingIntent, Transformations,
 };
 
-use super::read::{Broken, check_size, pixel_buffer};
+use super::format::{Broken, WriteOptions, check_size, pixel_buffer};
 use super::transfer::{linear_from_srgb, quantize};
-use super::write::WriteOptions;
 use crate::image::Image;
 use crate::settings::Encoding;
 

@@ -5,10 +5,10 @@ use std::fmt;
 use std::io::{self, Cursor, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
+pub use super::format::WriteOptions;
 use super::{exr, file, pfm, png};
 use crate::error::{Error, Result};
 use crate::image::Image;
-use crate::settings::Encoding;
 
 /// The image formats that can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,15 +27,6 @@ pub enum Target {
     },
     /// Standard output, as PNG.
     Stdout,
-}
-
-/// What a written file depends on besides the pixels.
-#[derive(Clone, Debug, Default)]
-pub struct WriteOptions {
-    /// Of PNG; EXR and PFM always hold linear values.
-    pub encoding: Encoding,
-    /// Keys and texts that go into PNG and EXR files, in this order. Keys: 1 to 79 Latin-1 characters.
-    pub metadata: Vec<(String, String)>,
 }
 
 impl Target {
@@ -132,6 +123,7 @@ pub fn encode(image: &Image, format: Format, options: &WriteOptions) -> io::Resu
 mod tests {
     use super::super::read::read;
     use super::*;
+    use crate::settings::Encoding;
 
     fn picture() -> Image {
         let mut image = Image::new(19, 11);

@@ -84,7 +84,7 @@ fn exact_shift(surfaces: &Surfaces, axis: usize) -> f64 {
 }
 
 /// 2^exponent, for exponents of normal f64 numbers.
-fn power_of_two(exponent: i32) -> f64 {
+pub(crate) fn power_of_two(exponent: i32) -> f64 {
     f64::from_bits(((1023 + exponent.clamp(-1022, 1023)) as u64) << 52)
 }
 

@@ -4,6 +4,9 @@
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use crate::geometry::position;
+use crate::geometry::record::{Answer, RayRecord};
+
 /// "No such index" in a 32-bit index.
 pub const NONE: u32 = u32::MAX;
 
@@ -91,6 +94,21 @@ impl Surfaces {
     #[inline]
     pub fn triangle(&self, primitive: u32) -> [[f32; 3]; 3] {
         self.triangles[primitive as usize].map(|index| self.positions[index as usize])
+    }
+
+    /// The point of a hit, in stored space: where the rays that go on from it start.
+    pub fn position(&self, record: &RayRecord, answer: &Answer) -> DVec3 {
+        let point = |p: [f32; 3]| DVec3::from(p.map(f64::from));
+        match self.sphere_at(answer.primitive) {
+            Some(sphere) => {
+                let hit = DVec3::from(record.origin) + DVec3::from(record.direction) * answer.t;
+                position::on_sphere(point(sphere.center), f64::from(sphere.radius), hit).0
+            }
+            None => {
+                let corners = self.triangle(answer.primitive).map(point);
+                position::on_triangle(corners, position::weights(answer.u, answer.v))
+            }
+        }
     }
 }
 

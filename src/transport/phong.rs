@@ -31,43 +31,53 @@ pub fn illuminate(
     if arrival.to_light.dot(hit.geometric) <= 0.0 {
         return BLACK;
     }
+    let matt = times(times(hit.material.kd, hit.diffuse_tint), light.diffuse);
+    let glossy = times(hit.material.ks, light.specular);
+    // The power is by far the dearest part of it.
+    let shininess = (glossy != BLACK).then_some(hit.material.shininess);
     let [diffuse, specular] = match hit.shading {
         Shading::Gouraud => {
-            let terms = hit.vertices.map(|vertex| at_vertex(&vertex, hit, light, view, world_unit));
+            let terms = hit.vertices.map(|vertex| at_vertex(&vertex, shininess, light, view, world_unit));
             [0, 1].map(|k| {
                 (terms[0][k] * hit.weights[0] + terms[1][k] * hit.weights[1]) + terms[2][k] * hit.weights[2]
             })
         }
+        Shading::Phong | Shading::Flat if arrival.strength <= 0.0 => return BLACK,
         Shading::Phong | Shading::Flat => {
-            let shininess = hit.material.shininess;
             factors(arrival.to_light, hit.normal, view.to_viewer, shininess).map(|f| f * arrival.strength)
         }
     };
-    let diffuse = scaled(times(times(hit.material.kd, hit.diffuse_tint), light.diffuse), diffuse);
-    add(diffuse, scaled(times(hit.material.ks, light.specular), specular))
+    add(scaled(matt, diffuse), scaled(glossy, specular))
 }
 
-/// L·N and (R·V)^α.
-fn factors(to_light: DVec3, normal: DVec3, to_viewer: DVec3, shininess: f64) -> [f64; 2] {
+/// L·N and (R·V)^α; the latter is 0 without an exponent.
+fn factors(to_light: DVec3, normal: DVec3, to_viewer: DVec3, shininess: Option<f64>) -> [f64; 2] {
     let Some(l) = to_light.try_normalize() else { return [0.0; 2] };
     let cosine = l.dot(normal);
     if cosine <= 0.0 {
         return [0.0; 2];
     }
+    let Some(shininess) = shininess else { return [cosine, 0.0] };
     let reflected = normal * (2.0 * cosine) - l;
     let highlight = reflected.dot(to_viewer);
     [cosine, if highlight > 0.0 { libm::pow(highlight, shininess) } else { 0.0 }]
 }
 
 /// Both factors at a vertex, times what arrives there.
-fn at_vertex(vertex: &Vertex, hit: &Interaction, light: &Light, view: &View, world_unit: f64) -> [f64; 2] {
+fn at_vertex(
+    vertex: &Vertex,
+    shininess: Option<f64>,
+    light: &Light,
+    view: &View,
+    world_unit: f64,
+) -> [f64; 2] {
     let arrival = light.arrival(vertex.position, world_unit);
     let to_viewer = if view.parallel {
         view.to_viewer
     } else {
         (view.eye - vertex.position).try_normalize().unwrap_or(view.to_viewer)
     };
-    factors(arrival.to_light, vertex.normal, to_viewer, hit.material.shininess).map(|f| f * arrival.strength)
+    factors(arrival.to_light, vertex.normal, to_viewer, shininess).map(|f| f * arrival.strength)
 }
 
 /// ka·Ia plus the surface's own emission: what needs no light ray.

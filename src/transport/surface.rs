@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use crate::geometry::position;
 use crate::geometry::record::{Answer, RayRecord};
 use crate::scene::mesh::NONE;
 use crate::scene::{Color, Material, Part, Scene, Shading};
@@ -22,7 +23,7 @@ pub struct Interaction<'a> {
     pub diffuse_tint: Color,
     /// What multiplies ka: the texture.
     pub ambient_tint: Color,
-    /// Of a Gouraud-shaded triangle its vertices and their normals on the ray's side.
+    /// Of a Gouraud-shaded triangle its vertices, and their normals as seen from the ray's side.
     pub vertices: [Vertex; 3],
     /// Barycentric weights of the vertices.
     pub weights: [f64; 3],
@@ -43,12 +44,11 @@ impl<'a> Interaction<'a> {
             Some(sphere) => {
                 let center = DVec3::from(sphere.center.map(f64::from));
                 let hit = DVec3::from(record.origin) + direction * answer.t;
-                // Back onto the sphere: the farther the origin, the farther off it is the computed hit.
-                let outward = (hit - center).normalize();
+                let (position, outward) = position::on_sphere(center, f64::from(sphere.radius), hit);
                 let entering = outward.dot(direction) < 0.0;
                 let normal = if entering { outward } else { -outward };
                 Interaction {
-                    position: center + outward * f64::from(sphere.radius),
+                    position,
                     primitive: answer.primitive,
                     geometric: normal,
                     normal,
@@ -74,7 +74,7 @@ impl<'a> Interaction<'a> {
     ) -> Self {
         let surfaces = &scene.surfaces;
         let corners = surfaces.triangle(answer.primitive).map(|v| DVec3::from(v.map(f64::from)));
-        let weights = [(1.0 - answer.u) - answer.v, answer.u, answer.v];
+        let weights = position::weights(answer.u, answer.v);
         let outward = unit((corners[1] - corners[0]).cross(corners[2] - corners[0]));
         let entering = outward.dot(direction) < 0.0;
         let geometric = if entering { outward } else { -outward };
@@ -84,12 +84,17 @@ impl<'a> Interaction<'a> {
         let mut vertices = corners.map(|position| Vertex { position, normal: geometric });
         let mut normal = geometric;
         if part.normals != NONE {
-            for corner in 0..3 {
-                let stored = DVec3::from(surfaces.normals[at(part.normals, corner)].map(f64::from));
-                vertices[corner].normal = to_side(stored, outward, entering).unwrap_or(geometric);
+            let stored: [DVec3; 3] = std::array::from_fn(|corner| {
+                DVec3::from(surfaces.normals[at(part.normals, corner)].map(f64::from))
+            });
+            // All three turn together: at a sharp edge one may point behind this triangle, and turning it here but not next
+            // door would tear the shading apart.
+            let side = if (stored[0] + stored[1] + stored[2]).dot(geometric) < 0.0 { -1.0 } else { 1.0 };
+            for (vertex, stored) in vertices.iter_mut().zip(stored) {
+                vertex.normal = stored.try_normalize().map_or(geometric, |normal| normal * side);
             }
             let blend = weighted(vertices.map(|vertex| vertex.normal), weights);
-            normal = to_side(blend, geometric, true).unwrap_or(geometric);
+            normal = facing(blend, geometric).unwrap_or(geometric);
         }
 
         let mut ambient_tint = [1.0; 3];
@@ -111,7 +116,7 @@ impl<'a> Interaction<'a> {
             diffuse_tint = super::times(diffuse_tint, weighted(colors, weights).to_array());
         }
         Interaction {
-            position: weighted(corners, weights),
+            position: position::on_triangle(corners, weights),
             primitive: answer.primitive,
             geometric,
             normal,
@@ -136,8 +141,8 @@ fn unit(v: DVec3) -> DVec3 {
     if largest > 0.0 { (v / largest).normalize() } else { DVec3::Z }
 }
 
-/// `normal`, normalised, on the side of the surface that `reference` points to (`same`) or on the other. `None` if it has no direction.
-fn to_side(normal: DVec3, reference: DVec3, same: bool) -> Option<DVec3> {
+/// `normal`, normalised, on the side of the surface that `geometric` points to. `None` if it has no direction.
+fn facing(normal: DVec3, geometric: DVec3) -> Option<DVec3> {
     let normal = normal.try_normalize()?;
-    Some(if (normal.dot(reference) >= 0.0) == same { normal } else { -normal })
+    Some(if normal.dot(geometric) < 0.0 { -normal } else { normal })
 }

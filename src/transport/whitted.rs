@@ -52,9 +52,6 @@ fn shade(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut i
     let query = if transport.transparent { Query::Attenuated } else { Query::Occluded };
     for light in &header.lights {
         let arrival = light.arrival(hit.position, world_unit);
-        if arrival.strength <= 0.0 {
-            continue;
-        }
         let throughput = times(local, phong::illuminate(&hit, light, &arrival, &view, world_unit));
         if throughput != BLACK {
             let mut ray = record.onward(hit.position, hit.primitive, arrival.to_light, query, Origin::Shadow);
@@ -131,8 +128,12 @@ struct Refraction {
 }
 
 /// Snell's law with `eta`, the index on this side over the one behind; `None` where all is reflected. About the
-/// geometric normal where the shading normal would keep the ray on this side.
+/// geometric normal where the shading normal faces away from the viewer or would keep the ray on this side.
 fn refract(direction: DVec3, hit: &Interaction, eta: f64) -> Option<Refraction> {
+    // One index on both sides: nothing bends or turns back, whatever the normals say.
+    if eta == 1.0 {
+        return Some(Refraction { direction, reflectance: 0.0 });
+    }
     let about = |normal: DVec3| {
         let cosine = (-direction.dot(normal)).clamp(0.0, 1.0);
         let sine2 = eta * eta * (1.0 - cosine * cosine);
@@ -146,6 +147,11 @@ fn refract(direction: DVec3, hit: &Interaction, eta: f64) -> Option<Refraction> 
         let reflectance = 0.5 * (parallel * parallel + perpendicular * perpendicular);
         Some(Refraction { direction: refracted.normalize(), reflectance })
     };
-    let refraction = about(hit.normal)?;
-    if refraction.direction.dot(hit.geometric) < 0.0 { Some(refraction) } else { about(hit.geometric) }
+    if direction.dot(hit.normal) < 0.0 {
+        let refraction = about(hit.normal)?;
+        if refraction.direction.dot(hit.geometric) < 0.0 {
+            return Some(refraction);
+        }
+    }
+    about(hit.geometric)
 }

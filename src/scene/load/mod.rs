@@ -12,6 +12,7 @@ pub mod obj;
 mod obj_lines;
 pub mod texture;
 pub mod toml;
+mod words;
 
 use std::path::Path;
 

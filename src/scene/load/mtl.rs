@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use super::files;
 use super::locate::locate;
-use super::obj_lines::{name, shown};
 use super::warn;
+use super::words::{name, shown};
 use crate::error::{Error, Result};
 
 /// So many names on one `mtllib` line are looked for, and so many are named in one warning.

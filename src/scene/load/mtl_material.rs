@@ -4,8 +4,8 @@
 use std::path::Path;
 
 use super::locate::locate;
-use super::obj_lines::shown;
 use super::texture::Textures;
+use super::words::shown;
 use crate::scene::{Color, Material};
 
 /// The material that `source`, from the MTL file at `path`, stands for. Warnings name file and material.

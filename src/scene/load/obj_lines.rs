@@ -8,6 +8,7 @@ use std::io::{self, BufRead, Read};
 use std::path::Path;
 
 use super::mtl::Library;
+use super::words::{name, shown};
 use crate::error::{Error, Result};
 
 /// Beyond so many changes between faces with and without normals or texture coordinates the faces aren't kept
@@ -461,23 +462,4 @@ fn plain_numbers(rest: &[u8]) -> Option<usize> {
         }
     }
     Some(count)
-}
-
-/// A material's name as `usemtl` and `newmtl` give it; some files leave it empty.
-pub(super) fn name(rest: &[u8]) -> String {
-    match String::from_utf8_lossy(rest).trim() {
-        "" => "unnamed".to_owned(),
-        name => name.to_owned(),
-    }
-}
-
-/// A word of a file as an error may show it: on one line, and not too long.
-pub(super) fn shown(word: &[u8]) -> String {
-    let text = String::from_utf8_lossy(word);
-    let mut short: String =
-        text.chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).take(40).collect();
-    if text.chars().nth(40).is_some() {
-        short.push_str("...");
-    }
-    short
 }
