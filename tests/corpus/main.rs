@@ -101,7 +101,7 @@ fn table() -> impl Strategy<Value = String> {
             let place = place.filter(|_| head.starts_with("[[object]]"));
             let keys = keys.iter().enumerate().filter(|(k, _)| there >> k & 1 == 1).map(|(_, key)| *key);
             let template: Vec<&str> = std::iter::once(head).chain(keys).chain(place).collect();
-            let template = template.join("\n").replace('V', "[N, N, N]").replace('C', "[N, N, N]");
+            let template = template.join("\n").replace(['V', 'C'], "[N, N, N]");
             let mut numbers = numbers.iter().cycle();
             let mut text: String = template
                 .chars()

@@ -17,6 +17,9 @@ use crate::scene::mesh::Mesh;
 const OPTIONS: tobj::LoadOptions =
     tobj::LoadOptions { single_index: true, triangulate: true, ignore_points: true, ignore_lines: true };
 
+/// A material and its name.
+pub type Named = (String, Material);
+
 /// What an OBJ file holds.
 #[derive(Debug, Default)]
 pub struct ObjFile {
@@ -24,7 +27,7 @@ pub struct ObjFile {
     /// after the other are those of the file in its order, polygons split into a fan from their first vertex.
     pub meshes: Vec<(Mesh, Option<u32>)>,
     /// All materials of the MTL files by name. Textures are loaded for those that a mesh uses.
-    pub materials: Vec<(String, Material)>,
+    pub materials: Vec<Named>,
     /// One line each, with the file's name.
     pub warnings: Vec<String>,
 }
@@ -58,7 +61,7 @@ pub fn parse_materials(
     text: &[u8],
     path: &Path,
     textures: &mut Textures,
-) -> Result<(Vec<(String, Material)>, Vec<String>)> {
+) -> Result<(Vec<Named>, Vec<String>)> {
     let mut warnings = Vec::new();
     let sources = mtl::parse(text, path, &mut warnings)?;
     let materials = sources

@@ -151,13 +151,20 @@ fn shape(source: &Source, kind: ObjectType, table: tables::Object, at: &Span, wh
             }
             Shape::Terrain(Terrain {
                 cells: source.whole(table.cells, "cells", 1..=terrain::MAX_CELLS)?.unwrap_or(defaults.cells),
-                extent: source.positive(table.extent, defaults.extent, "extent")?,
+                // What f32 takes for 0 or infinite would have slopes that f64 can't hold.
+                extent: source.number(
+                    table.extent,
+                    defaults.extent,
+                    "extent",
+                    |extent| extent as f32 > 0.0 && (extent as f32).is_finite(),
+                    "above 1e-45 and below 3.4e38",
+                )?,
                 height: source.number(
                     table.height,
                     defaults.height,
                     "height",
-                    |height| height >= 0.0,
-                    "of at least 0",
+                    |height| height >= 0.0 && (height as f32).is_finite(),
+                    "of at least 0 and below 3.4e38",
                 )?,
                 octaves: source
                     .whole(table.octaves, "octaves", 1..=terrain::MAX_OCTAVES)?
