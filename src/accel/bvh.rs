@@ -28,6 +28,9 @@ pub struct Bvh {
 }
 
 /// A leaf is one block of the filter.
+/// Bytes for each primitive while the hierarchy is built: measured on terrains of 1 and 4 million triangles.
+pub const BYTES_TO_BUILD: u64 = 180;
+
 const PRIMITIVES_PER_LEAF: u32 = LANES as u32;
 /// Stacks up to this depth live on the processor's stack.
 const SHALLOW: usize = 64;

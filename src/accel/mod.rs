@@ -43,6 +43,14 @@ impl Accel {
         }
     }
 
+    /// Bytes that building the structure takes beside the surfaces, about.
+    pub fn memory_to_build(kind: AccelKind, surfaces: &Surfaces) -> u64 {
+        match kind {
+            AccelKind::Bvh => surfaces.len() as u64 * bvh::BYTES_TO_BUILD,
+            AccelKind::Brute => 0,
+        }
+    }
+
     /// The least (t, primitive id) that the ray meets.
     pub fn closest(&self, surfaces: &Surfaces, ray: &Ray) -> Answer {
         let mut tester = Tester::new(surfaces, ray);

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use rayon::prelude::*;
 
 use super::{print, warn};
-use crate::accel::Accel;
 use crate::error::Result;
 use crate::scene::mesh::has_area;
 use crate::scene::{Surfaces, load};
@@ -62,7 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
         scale: header.frame.scale,
         surface_bytes: surface_bytes(surfaces),
         texture_bytes: loaded.scene.textures.iter().map(|texture| texture.texels.len() * 3).sum(),
-        bvh_bytes: Accel::build(AccelKind::Bvh, surfaces).memory(),
+        bvh_bytes: super::build_accel(AccelKind::Bvh, surfaces, &args.scene)?.memory(),
     };
     if args.json {
         let json = serde_json::to_string_pretty(&info).expect("plain numbers have a JSON form");

@@ -9,13 +9,18 @@ mod validate;
 
 use std::fmt::Display;
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 
+use crate::accel::Accel;
 use crate::cluster::{self, Comm, share};
 use crate::error::{Error, Result};
+use crate::scene::Surfaces;
+use crate::scene::load::Budget;
+use crate::settings::AccelKind;
 
 /// A distributed-memory parallel ray tracer: exact surfaces, and the same bytes however it was run.
 ///
@@ -85,6 +90,22 @@ fn parse() -> Result<Option<Command>> {
                 Err(Error::Flags(error.render().to_string().trim_start_matches("error: ").trim_end().into()))
             }
         },
+    }
+}
+
+/// Builds the structure for the scene in the file `scene`.
+///
+/// # Errors
+/// It needs more memory than there is.
+fn build_accel(kind: AccelKind, surfaces: &Surfaces, scene: &Path) -> Result<Accel> {
+    match Budget::of_machine().lacks(Accel::memory_to_build(kind, surfaces)) {
+        None => Ok(Accel::build(kind, surfaces)),
+        Some(shortage) => Err(Error::scene(
+            scene,
+            None,
+            format!("the hierarchy over its {} primitives needs {shortage}", surfaces.len()),
+            "use coarser meshes or fewer levels",
+        )),
     }
 }
 

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use super::{note, warn};
-use crate::accel::Accel;
 use crate::cluster::share::{self, Share};
 use crate::cluster::{self, Comm, threads};
 use crate::error::{Error, Result};
@@ -178,7 +177,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     }
     let begin = Instant::now();
     let _span = timeline.span(0, "build");
-    let accel = Accel::build(run.accel, &loaded.scene.surfaces);
+    let accel = super::build_accel(run.accel, &loaded.scene.surfaces, &args.scene)?;
     stats.seconds.build = begin.elapsed().as_secs_f64();
     Ok((Work { scene: loaded.scene, accel, image, run }, errand))
 }

@@ -40,6 +40,11 @@ impl SceneBuilder {
         }
     }
 
+    /// The file that is named in errors.
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
     /// Adds a material and returns its index.
     pub fn material(&mut self, material: Material) -> u32 {
         self.materials.push(material);

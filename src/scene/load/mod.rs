@@ -1,6 +1,10 @@
 //! Scene files in, [`Scene`] out: one file per format.
 
+mod budget;
+mod files;
 mod framing;
+#[cfg(test)]
+mod hostile_tests;
 mod locate;
 mod mtl;
 mod mtl_material;
@@ -14,6 +18,7 @@ use std::path::Path;
 
 use glam::DAffine3;
 
+pub use self::budget::Budget;
 use self::obj::ObjFile;
 use self::texture::Textures;
 use super::build::SceneBuilder;
@@ -62,6 +67,18 @@ pub struct ImageDefaults {
     pub integrator: Option<Integrator>,
     pub filter: Option<Filter>,
     pub encoding: Option<Encoding>,
+}
+
+/// The most warnings about one file or scene: a broken exporter can earn one with every line.
+const MAX_WARNINGS: usize = 100;
+
+/// Adds a warning if it isn't one of too many. `file` is where the others are.
+fn warn(warnings: &mut Vec<String>, file: &Path, warning: impl FnOnce() -> String) {
+    match warnings.len() {
+        0..MAX_WARNINGS => warnings.push(warning()),
+        MAX_WARNINGS => warnings.push(format!("{}: more warnings are left out", file.display())),
+        _ => {}
+    }
 }
 
 /// Reads a scene (`.toml`) or a bare model (`.obj`).
@@ -120,7 +137,9 @@ fn place(
     shading: Shading,
     warnings: &mut Vec<String>,
 ) -> Result<()> {
-    warnings.extend(file.warnings);
+    for warning in file.warnings {
+        warn(warnings, builder.file(), || warning);
+    }
     let own: Vec<u32> = match material {
         Some(_) => Vec::new(),
         None => file.materials.into_iter().map(|(_, material)| builder.material(material)).collect(),

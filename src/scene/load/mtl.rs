@@ -4,7 +4,9 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
+use super::files;
 use super::locate::locate;
+use super::warn;
 use super::words::{name, shown};
 use crate::error::{Error, Result};
 
@@ -80,11 +82,7 @@ impl Library {
         if !self.loaded.insert(path.to_owned()) {
             return Ok(());
         }
-        let bytes = std::fs::read(path).map_err(|source| Error::read(path, source))?;
-        let text = checked(&bytes, path, &mut self.warnings)?;
-        let (materials, _) = tobj::load_mtl_buf(&mut text.as_bytes())
-            .map_err(|error| Error::scene(path, None, error.to_string(), "write the material file anew"))?;
-        for material in materials {
+        for material in parse(&files::read(path)?, path, &mut self.warnings)? {
             // Of a name that is defined twice the first definition counts, as the search in the files' order says.
             if self.defined.insert(material.name.clone()) {
                 self.sources.push(path.to_owned());
@@ -122,7 +120,7 @@ impl Library {
     }
 
     fn warn(&mut self, line: usize, what: String) {
-        self.warnings.push(format!("{}:{line}: {what}", self.obj.display()));
+        warn(&mut self.warnings, &self.obj, || format!("{}:{line}: {what}", self.obj.display()));
     }
 }
 
@@ -161,6 +159,14 @@ fn some_of(names: &[String]) -> String {
     if list.is_empty() { "``".to_owned() } else { list.join(", ") }
 }
 
+/// The materials of the text of an MTL file.
+pub(super) fn parse(bytes: &[u8], path: &Path, warnings: &mut Vec<String>) -> Result<Vec<tobj::Material>> {
+    let text = checked(bytes, path, warnings)?;
+    let (materials, _) = tobj::load_mtl_buf(&mut text.as_bytes())
+        .map_err(|error| Error::scene(path, None, error.to_string(), "write the material file anew"))?;
+    Ok(materials)
+}
+
 /// The statements of an MTL file that matter, each complete and well-formed, so that `tobj` reads them right (it
 /// panics on a colour of one number).
 ///
@@ -195,7 +201,7 @@ fn checked(bytes: &[u8], path: &Path, warnings: &mut Vec<String>) -> Result<Stri
             "d" => statement.number("d", &mut out)?,
             "tr" => statement.number("Tr", &mut out)?,
             "illum" => statement.model(&mut out, warnings)?,
-            "map_kd" if rest.trim().is_empty() => warnings.push(statement.warning("names no file: left out")),
+            "map_kd" if rest.trim().is_empty() => statement.warn("names no file: left out", warnings),
             "map_kd" => out.push_str(&format!("map_Kd {}\n", rest.trim())),
             _ => {}
         }
@@ -216,7 +222,7 @@ impl Statement<'_> {
     fn color(&self, keyword: &str, out: &mut String, warnings: &mut Vec<String>) -> Result<()> {
         let mut words = self.words();
         if let Some("spectral" | "xyz") = words.clone().next() {
-            warnings.push(self.warning("only colours as `r g b` can be used: left out"));
+            self.warn("only colours as `r g b` can be used: left out", warnings);
             return Ok(());
         }
         let first = self.value(words.next())?;
@@ -241,7 +247,7 @@ impl Statement<'_> {
         if (0.0..=10.0).contains(&value) && value.fract() == 0.0 {
             out.push_str(&format!("illum {value}\n"));
         } else {
-            warnings.push(self.warning("illumination models are 0 to 10: left out"));
+            self.warn("illumination models are 0 to 10: left out", warnings);
         }
         Ok(())
     }
@@ -266,7 +272,9 @@ impl Statement<'_> {
         Error::scene(self.path, Some(self.line), format!("{}: {what}", shown(self.keyword.as_bytes())), mend)
     }
 
-    fn warning(&self, what: &str) -> String {
-        format!("{}:{}: {}: {what}", self.path.display(), self.line, self.keyword)
+    fn warn(&self, what: &str, warnings: &mut Vec<String>) {
+        warn(warnings, self.path, || {
+            format!("{}:{}: {}: {what}", self.path.display(), self.line, self.keyword)
+        });
     }
 }

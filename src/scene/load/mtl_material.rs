@@ -16,7 +16,9 @@ pub(super) fn material(
     warnings: &mut Vec<String>,
 ) -> Material {
     let mut warn = |what: String| {
-        warnings.push(format!("{}: material `{}`: {what}", path.display(), shown(source.name.as_bytes())));
+        super::warn(warnings, path, || {
+            format!("{}: material `{}`: {what}", path.display(), shown(source.name.as_bytes()))
+        });
     };
     let texture = source.diffuse_texture.as_deref().and_then(|map| texture(map, path, textures, &mut warn));
     let mut color = |keyword: &str, value: Option<[f32; 3]>| -> Option<Color> {

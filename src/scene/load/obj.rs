@@ -2,11 +2,11 @@
 //! `obj_lines` stands before it. Knows no scene: where meshes are placed is the caller's.
 
 use std::cell::RefCell;
-use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use super::mtl::Library;
+use super::files;
+use super::mtl::{self, Library};
 use super::mtl_material::material;
 use super::obj_lines::{Lines, Notes};
 use super::texture::Textures;
@@ -17,6 +17,9 @@ use crate::scene::mesh::Mesh;
 const OPTIONS: tobj::LoadOptions =
     tobj::LoadOptions { single_index: true, triangulate: true, ignore_points: true, ignore_lines: true };
 
+/// A material and its name.
+pub type Named = (String, Material);
+
 /// What an OBJ file holds.
 #[derive(Debug, Default)]
 pub struct ObjFile {
@@ -24,7 +27,7 @@ pub struct ObjFile {
     /// after the other are those of the file in its order, polygons split into a fan from their first vertex.
     pub meshes: Vec<(Mesh, Option<u32>)>,
     /// All materials of the MTL files by name. Textures are loaded for those that a mesh uses.
-    pub materials: Vec<(String, Material)>,
+    pub materials: Vec<Named>,
     /// One line each, with the file's name.
     pub warnings: Vec<String>,
 }
@@ -38,10 +41,46 @@ pub struct ObjFile {
 /// A file that can't be read or isn't text; the first malformed number or face, index out of range, or vertex
 /// that isn't finite, with its line; no triangles; a malformed number in an MTL file.
 pub fn read(path: &Path, textures: &mut Textures) -> Result<ObjFile> {
-    let parsed = match parse(path, false)? {
+    read_from(|| Ok(BufReader::with_capacity(1 << 16, files::open(path)?)), path, textures)
+}
+
+/// Reads the text of an OBJ file. `path` stands in errors, and the files that it names are looked for beside it.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(text: &[u8], path: &Path, textures: &mut Textures) -> Result<ObjFile> {
+    read_from(|| Ok(text), path, textures)
+}
+
+/// Reads the text of an MTL file as [`read`] does: its materials by name, and warnings. `path` stands in these, and
+/// textures are looked for beside it.
+///
+/// # Errors
+/// A malformed number, with its line; a file that isn't text.
+pub fn parse_materials(
+    text: &[u8],
+    path: &Path,
+    textures: &mut Textures,
+) -> Result<(Vec<Named>, Vec<String>)> {
+    let mut warnings = Vec::new();
+    let sources = mtl::parse(text, path, &mut warnings)?;
+    let materials = sources
+        .iter()
+        .map(|source| (source.name.clone(), material(source, path, textures, &mut warnings)))
+        .collect();
+    Ok((materials, warnings))
+}
+
+/// `open` gives the text from its start.
+fn read_from<R: BufRead>(
+    open: impl Fn() -> Result<R>,
+    path: &Path,
+    textures: &mut Textures,
+) -> Result<ObjFile> {
+    let parsed = match pass(open()?, path, false)? {
         Some(parsed) => parsed,
         // Only some vertices have a colour, which shows only behind the first of them: the others get white.
-        None => parse(path, true)?.ok_or_else(|| broken(path))?,
+        None => pass(open()?, path, true)?.ok_or_else(|| broken(path))?,
     };
     if parsed.notes.faces == 0 {
         return Err(Error::scene(path, None, "no triangles", "give an OBJ file with faces (`f` lines)"));
@@ -79,10 +118,9 @@ struct Parsed {
 }
 
 /// `None` if only some vertices have a colour, and `pad_colors` is off.
-fn parse(path: &Path, pad_colors: bool) -> Result<Option<Parsed>> {
-    let file = File::open(path).map_err(|source| Error::read(path, source))?;
+fn pass(text: impl BufRead, path: &Path, pad_colors: bool) -> Result<Option<Parsed>> {
     let library = RefCell::new(Library::new(path));
-    let mut lines = Lines::new(BufReader::with_capacity(1 << 16, file), path, &library, pad_colors);
+    let mut lines = Lines::new(text, path, &library, pad_colors);
     let loaded = tobj::load_obj_buf(&mut lines, &OPTIONS, |_| library.borrow_mut().take_pending());
     let mixed = lines.notes.vertices_with_color > 0 && lines.notes.vertices_without_color > 0;
     if mixed && !pad_colors {

@@ -329,49 +329,6 @@ fn known_models_have_their_known_counts() {
     }
 }
 
-/// Measured, not tested, as the clock of a busy machine proves nothing.
-#[test]
-#[ignore = "a measurement: cargo test --release --lib beside_tobj -- --ignored --nocapture"]
-fn speed_beside_tobj() {
-    use std::fmt::Write;
-    let n = 708;
-    for full in [false, true] {
-        let mut obj = String::new();
-        for i in 0..n {
-            for j in 0..n {
-                let (x, y) = (i as f32 * 0.013, j as f32 * 0.017);
-                writeln!(obj, "v {x:.6} {y:.6} {:.6}", x * y).unwrap();
-                if full {
-                    writeln!(obj, "vt {x:.6} {y:.6}\nvn 0.000000 0.000000 1.000000").unwrap();
-                }
-            }
-        }
-        for i in 0..n - 1 {
-            for j in 1..n {
-                let (a, b) = (i * n + j, (i + 1) * n + j);
-                for [a, b, c] in [[a, b, a + 1], [b, b + 1, a + 1]] {
-                    match full {
-                        true => writeln!(obj, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}").unwrap(),
-                        false => writeln!(obj, "f {a} {b} {c}").unwrap(),
-                    }
-                }
-            }
-        }
-        let folder = folder(&[("a.obj", obj.as_bytes())]);
-        for _ in 0..3 {
-            let start = std::time::Instant::now();
-            let alone = tobj::load_obj(folder.path().join("a.obj"), &OPTIONS).unwrap();
-            let alone_time = start.elapsed();
-            let start = std::time::Instant::now();
-            let file = load(&folder).unwrap();
-            let time = start.elapsed();
-            assert_eq!(alone.0[0].mesh.indices.len() / 3, triangles(&file).len());
-            let ratio = time.as_secs_f64() / alone_time.as_secs_f64();
-            eprintln!("normals {full}: tobj {alone_time:?}, here {time:?}, ratio {ratio:.2}");
-        }
-    }
-}
-
 /// What everything that is loaded must hold.
 fn check(file: &ObjFile) {
     for (mesh, material) in &file.meshes {

@@ -4,8 +4,9 @@ use std::collections::HashMap;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use image::{ImageError, ImageReader};
+use image::{DynamicImage, ImageDecoder, ImageError, ImageReader};
 
+use super::{Budget, files};
 use crate::error::{Error, Result};
 use crate::scene::Texture;
 
@@ -42,19 +43,34 @@ impl Textures {
 /// Its content says which format it is; only TGA is known by its extension.
 ///
 /// # Errors
-/// A file that can't be read, isn't one of these formats, is broken, holds no pixels or is unreasonably large.
+/// A file that can't be read, isn't one of these formats, is broken, holds no pixels or doesn't fit into memory.
 pub fn load(path: &Path) -> Result<Texture> {
-    let file = std::fs::File::open(path).map_err(|source| Error::read(path, source))?;
+    load_within(path, Budget::of_machine())
+}
+
+fn load_within(path: &Path, budget: Budget) -> Result<Texture> {
+    let file = files::open(path)?;
     let mut reader = ImageReader::new(BufReader::new(file));
     if let Ok(format) = image::ImageFormat::from_path(path) {
         reader.set_format(format);
     }
     let reader = reader.with_guessed_format().map_err(|source| Error::read(path, source))?;
-    let image = reader.decode().map_err(|error| broken(path, error))?.into_rgb8();
-    let (width, height) = image.dimensions();
+    let mut decoder = reader.into_decoder().map_err(|error| broken(path, error))?;
+    let (width, height) = decoder.dimensions();
     if width == 0 || height == 0 {
         return Err(Error::scene(path, None, "the image has no pixels", "give an image of at least 1x1"));
     }
+    // A few bytes can claim any size, so the size is asked for before anything of it is reserved.
+    let texels = u64::from(width) * u64::from(height);
+    let needed = decoder.total_bytes().saturating_add(6 * texels);
+    if let Some(shortage) = budget.lacks(needed) {
+        let what = format!("an image of {width}x{height} pixels needs {shortage}");
+        return Err(Error::scene(path, None, what, "make the image smaller"));
+    }
+    let mut limits = image::Limits::no_limits();
+    limits.max_alloc = Some(needed);
+    decoder.set_limits(limits).map_err(|error| broken(path, error))?;
+    let image = DynamicImage::from_decoder(decoder).map_err(|error| broken(path, error))?.into_rgb8();
     let texels = image.pixels().map(|pixel| pixel.0).collect();
     Ok(Texture { width, height, texels })
 }
@@ -134,5 +150,26 @@ mod tests {
         RgbImage::new(64, 64).save(&whole).unwrap();
         let bytes = std::fs::read(&whole).unwrap();
         assert!(error("half.png", Some(&bytes[..bytes.len() / 2])).contains("broken image"));
+    }
+
+    /// A TGA file that is nothing but a header which claims 65535 x 65535 texels.
+    const BOMB: [u8; 18] = [0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 255, 255, 255, 255, 24, 0];
+
+    #[test]
+    fn a_size_beyond_memory_is_refused_before_it_is_reserved() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bomb.tga");
+        std::fs::write(&path, BOMB).unwrap();
+        let error = load_within(&path, Budget::of_bytes(1 << 30)).unwrap_err().to_string();
+        let expected = "bomb.tga: an image of 65535x65535 pixels needs about 36.0 GiB of memory, but 1.0 GiB are available; \
+             make the image smaller";
+        assert!(error.ends_with(expected), "{error}");
+        // Within the budget it is only a file that ends too early.
+        let mut small = BOMB;
+        small[13] = 1;
+        small[15] = 1;
+        std::fs::write(&path, small).unwrap();
+        let error = load_within(&path, Budget::of_bytes(1 << 30)).unwrap_err().to_string();
+        assert!(error.contains("broken image"), "{error}");
     }
 }

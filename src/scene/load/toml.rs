@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 
 use self::header::NamedMaterial;
 use self::object::{Object, Shape};
-use self::source::Source;
+use self::source::{Source, Span};
 use super::texture::Textures;
-use super::{ImageDefaults, Loaded, framing, obj};
+use super::{Budget, ImageDefaults, Loaded, files, framing, obj, warn};
 use crate::error::{Error, Result};
 use crate::scene::build::SceneBuilder;
 use crate::scene::generate::cuboid::cuboid;
@@ -26,30 +26,42 @@ use crate::scene::generate::icosphere::icosphere;
 use crate::scene::generate::plane::plane;
 use crate::scene::generate::sphereflake::sphereflake;
 use crate::scene::generate::teapot::teapot;
-use crate::scene::{Material, SceneHeader};
+use crate::scene::light::LightShape;
+use crate::scene::{Camera, Material, SceneHeader};
 
 /// Reads a scene file and all that it names.
 ///
 /// # Errors
 /// As [`super::load`].
 pub fn load(path: &Path) -> Result<Loaded> {
-    let bytes = std::fs::read(path).map_err(|source| Error::read(path, source))?;
-    let text = match std::str::from_utf8(&bytes) {
+    parse(&files::read(path)?, path, Budget::of_machine())
+}
+
+/// Reads the text of a scene file. `path` stands in errors, and the files that it names are looked for beside it.
+///
+/// # Errors
+/// As [`super::load`], and a scene that needs more memory than `budget`.
+pub fn parse(text: &[u8], path: &Path, budget: Budget) -> Result<Loaded> {
+    let text = match std::str::from_utf8(text) {
         Ok(text) => text,
         Err(error) => {
-            let line = bytes[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count() + 1;
+            let line = text[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count() + 1;
             return Err(Error::scene(path, Some(line), "the text isn't UTF-8", "save the file as UTF-8"));
         }
     };
     let source = Source { file: path, text };
-    build(&source, describe(&source)?)
+    let description = describe(&source)?;
+    afford(&source, &description.objects, budget)?;
+    build(&source, description)
 }
 
 /// What a scene file says, checked as far as that goes without opening another file.
 struct Description {
-    /// Without materials; the camera is meant if `camera` is true.
+    /// Without materials; its camera is meant only if `camera` says where that stands.
     header: SceneHeader,
-    camera: bool,
+    camera: Option<Span>,
+    /// Where the tables of the lights begin.
+    lights: Vec<Span>,
     image: ImageDefaults,
     materials: Vec<NamedMaterial>,
     objects: Vec<Object>,
@@ -61,11 +73,12 @@ fn describe(source: &Source) -> Result<Description> {
     let mut header = SceneHeader::default();
     let mut warnings = Vec::new();
     let image = header::render(source, file.render, &mut header)?;
-    let camera = file.camera.is_some();
-    if let Some(camera) = file.camera {
-        header.camera = header::camera(source, camera)?;
+    let camera = file.camera.as_ref().map(|table| table.span());
+    if let Some(table) = file.camera {
+        header.camera = header::camera(source, table)?;
     }
     let (materials, names) = header::materials(source, file.material, &mut warnings)?;
+    let lights = file.light.iter().map(|light| light.span()).collect();
     for light in file.light {
         header.lights.push(header::light(source, light)?);
     }
@@ -81,7 +94,7 @@ fn describe(source: &Source) -> Result<Description> {
         let textured = object.material.is_some_and(|index| materials[index as usize].texture.is_some());
         if textured && !object.shape.has_uvs() {
             let what = "its material's texture isn't seen: this shape has no texture coordinates";
-            warnings.push(source.warning(&object.at, what));
+            warn(&mut warnings, source.file, || source.warning(&object.at, what));
         }
         objects.push(object);
     }
@@ -91,7 +104,7 @@ fn describe(source: &Source) -> Result<Description> {
     } else if header.lights.is_empty() && header.ambient == [0.0; 3] && !materials.iter().any(shines) {
         warnings.push(format!("{}: no light: all surfaces are black", source.file.display()));
     }
-    Ok(Description { header, camera, image, materials, objects, warnings })
+    Ok(Description { header, camera, lights, image, materials, objects, warnings })
 }
 
 /// One line for an error of the format itself, or of a value of the wrong kind.
@@ -114,8 +127,26 @@ fn syntax(source: &Source, error: &::toml::de::Error) -> Error {
     source.error(&error.span().unwrap_or(0..0), what, mend)
 }
 
+/// Refuses the first object whose surfaces, with those before it, don't fit into memory.
+fn afford(source: &Source, objects: &[Object], budget: Budget) -> Result<()> {
+    let mut kept = 0;
+    for object in objects {
+        kept += object.shape.bytes();
+        // While an object is made, it is there twice.
+        if let Some(shortage) = budget.lacks(kept + object.shape.bytes()) {
+            let what = format!("with this object the scene needs {shortage}");
+            let mend = match object.shape {
+                Shape::Mesh { .. } => "use fewer or coarser meshes",
+                _ => "use fewer cells or levels",
+            };
+            return Err(source.error(&object.at, what, mend));
+        }
+    }
+    Ok(())
+}
+
 fn build(source: &Source, description: Description) -> Result<Loaded> {
-    let Description { mut header, camera, image, materials, objects, mut warnings } = description;
+    let Description { mut header, camera, lights, image, materials, objects, mut warnings } = description;
     let mut builder = SceneBuilder::new(source.file);
     let mut textures = Textures::default();
     for NamedMaterial { mut material, texture } in materials {
@@ -133,10 +164,36 @@ fn build(source: &Source, description: Description) -> Result<Loaded> {
     for texture in textures.into_vec() {
         builder.texture(texture);
     }
-    if !camera {
+    if camera.is_none() {
         header.camera = framing::camera(builder.bounds());
     }
-    Ok(Loaded { scene: builder.finish(header), image, warnings, framed: !camera })
+    let scene = builder.finish(header);
+    in_reach(source, &scene.header, camera.as_ref(), &lights)?;
+    Ok(Loaded { scene, image, warnings, framed: camera.is_none() })
+}
+
+/// Refuses what left f64's range when the scene was scaled to its size: a camera or light endlessly far away, or an endless film.
+fn in_reach(source: &Source, header: &SceneHeader, camera: Option<&Span>, lights: &[Span]) -> Result<()> {
+    let far = |at: &Span, what: &str| {
+        Err(source.error(
+            at,
+            format_args!("{what} is endlessly far or wide for the size of the objects"),
+            "give smaller numbers",
+        ))
+    };
+    let Camera { position, right, up, .. } = &header.camera;
+    if let Some(at) = camera.filter(|_| !(position.is_finite() && right.is_finite() && up.is_finite())) {
+        return far(at, "the camera");
+    }
+    for (light, at) in header.lights.iter().zip(lights) {
+        match light.shape {
+            LightShape::Point { position } | LightShape::Spot { position, .. } if !position.is_finite() => {
+                return far(at, "the light");
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Makes one object. `grey` is the material of objects without, once there is one.

@@ -12,7 +12,7 @@ use super::transform::{sin_cos, unit};
 use super::value::{Amount, Finite, Rgb};
 use crate::error::Result;
 use crate::scene::light::LightShape;
-use crate::scene::load::ImageDefaults;
+use crate::scene::load::{ImageDefaults, warn};
 use crate::scene::{Camera, Color, Light, Material, SceneHeader};
 
 /// The largest width, height and number of samples.
@@ -154,7 +154,9 @@ fn material(
         texture: None,
     };
     if material.fresnel && !material.is_transparent() {
-        warnings.push(source.warning(name_at, "`fresnel` has no effect on a material without `kt`"));
+        warn(warnings, source.file, || {
+            source.warning(name_at, "`fresnel` has no effect on a material without `kt`")
+        });
     }
     let texture = table.texture.map(|file| {
         let at = file.span();

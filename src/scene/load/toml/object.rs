@@ -15,6 +15,7 @@ use crate::scene::Shading;
 use crate::scene::build::Ball;
 use crate::scene::generate::terrain::{self, Terrain};
 use crate::scene::generate::{icosphere, sphereflake, teapot};
+use crate::scene::mesh::Sphere;
 
 /// An object that is sound by itself but hasn't been made.
 #[derive(Clone, Debug)]
@@ -52,6 +53,17 @@ impl Shape {
             Shape::Icosphere { level, .. } => icosphere::count(level),
             Shape::Box { .. } => 12,
             Shape::Plane { .. } => 2,
+        }
+    }
+
+    /// Bytes that its surfaces will take, about: for a mesh those of its file, whose numbers are as short as text.
+    pub fn bytes(&self) -> u64 {
+        // A triangle's indices; half a vertex of position, normal and texture coordinates belongs to it.
+        const TRIANGLE: u64 = 12 + 32 / 2;
+        match self {
+            Shape::Mesh { file, .. } => std::fs::metadata(file).map_or(0, |about| about.len()),
+            Shape::Sphere(_) | Shape::Sphereflake { .. } => self.count() * size_of::<Sphere>() as u64,
+            _ => self.count() * TRIANGLE,
         }
     }
 
@@ -139,13 +151,20 @@ fn shape(source: &Source, kind: ObjectType, table: tables::Object, at: &Span, wh
             }
             Shape::Terrain(Terrain {
                 cells: source.whole(table.cells, "cells", 1..=terrain::MAX_CELLS)?.unwrap_or(defaults.cells),
-                extent: source.positive(table.extent, defaults.extent, "extent")?,
+                // What f32 takes for 0 or infinite would have slopes that f64 can't hold.
+                extent: source.number(
+                    table.extent,
+                    defaults.extent,
+                    "extent",
+                    |extent| extent as f32 > 0.0 && (extent as f32).is_finite(),
+                    "above 1e-45 and below 3.4e38",
+                )?,
                 height: source.number(
                     table.height,
                     defaults.height,
                     "height",
-                    |height| height >= 0.0,
-                    "of at least 0",
+                    |height| height >= 0.0 && (height as f32).is_finite(),
+                    "of at least 0 and below 3.4e38",
                 )?,
                 octaves: source
                     .whole(table.octaves, "octaves", 1..=terrain::MAX_OCTAVES)?
@@ -203,10 +222,12 @@ fn lengths<const N: usize>(
     let Some(value) = value else { return Ok([default; N]) };
     let numbers = value.get_ref().spread::<N>().map(|numbers| numbers.map(|Finite(number)| number));
     match numbers {
-        Some(numbers) if numbers.iter().all(|&number| number > 0.0) => Ok(numbers),
+        Some(numbers) if numbers.iter().all(|&number| number > 0.0 && (number as f32).is_finite()) => {
+            Ok(numbers)
+        }
         _ => Err(source.error(
             &value.span(),
-            format_args!("`{key}` isn't a length above 0 or {N} of them"),
+            format_args!("`{key}` isn't a length above 0 and below 3.4e38, or {N} of them"),
             format!("give a number or {form}"),
         )),
     }

@@ -19,7 +19,8 @@ impl Source<'_> {
     /// An error at the beginning of a span.
     pub fn error(&self, at: &Span, what: impl Display, mend: impl Into<String>) -> Error {
         let (line, column) = self.position(at.start);
-        Error::scene(self.file, Some(line), format!("column {column}: {what}"), mend)
+        let what = one_line(&format!("column {column}: {what}"));
+        Error::scene(self.file, Some(line), what, one_line(&mend.into()))
     }
 
     /// A warning at the beginning of a span.
@@ -46,4 +47,15 @@ impl Source<'_> {
         let is_first_byte = |byte: &&u8| **byte & 0xc0 != 0x80;
         (line, before[line_start..].iter().filter(is_first_byte).count() + 1)
     }
+}
+
+/// The text without what would break a line, and cut where it is long: names in a scene file can be anything.
+fn one_line(text: &str) -> String {
+    const LONGEST: usize = 400;
+    let plain = |c: char| if c.is_control() { '\u{fffd}' } else { c };
+    let mut line: String = text.chars().take(LONGEST).map(plain).collect();
+    if text.chars().nth(LONGEST).is_some() {
+        line.push_str("...");
+    }
+    line
 }

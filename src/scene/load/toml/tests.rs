@@ -301,8 +301,9 @@ fn what_is_wrong_is_named_with_its_line() {
         "[[object]]\ntype = 'sphereflake'\ndepth = 10 #! from 0 to 9".into(),
         "[[object]]\ntype = 'terrain'\ncells = 0 #! from 1 to 32767".into(),
         "[[object]]\ntype = 'terrain'\nroughness = 2 #! from 0 to 1".into(),
-        "[[object]]\ntype = 'terrain'\nheight = 1e60\ncells = 8"
-            .replace("[[object]]", "[[object]] #! which f32 can't hold"),
+        "[[object]]\ntype = 'terrain'\nheight = 1e60 #! of at least 0 and below 3.4e38".into(),
+        "[[object]]\ntype = 'terrain'\nextent = 1e-300 #! above 1e-45 and below 3.4e38".into(),
+        "[[object]] #! which f32 can't hold\ntype = 'plane'\ntranslate = [0, 1e60, 0]".into(),
         "[[object]]\ntype = 'terrain'\ncells = 32767\n[[object]] #! 2^31\ntype = 'sphereflake'\ndepth = 6"
             .into(),
         "[[object]]\ntype = 'teapot'\nlevel = 0 #! from 1 to 2048".into(),
