@@ -20,6 +20,7 @@ pub mod error;
 pub mod geometry;
 pub mod image;
 pub mod job;
+pub mod lab;
 pub mod output;
 pub mod render;
 pub mod scene;
