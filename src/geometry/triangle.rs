@@ -37,6 +37,11 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
     if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
         return None;
     }
+    // A computed sign is right or 0, as rounding keeps the order of the two products. Where it is 0 the box of the sheared vertices,
+    // which holds whatever they enclose, tells what is far away: a triangle smaller than the rounding of v − o has only zeros.
+    if (u == 0.0 || v == 0.0 || w == 0.0) && (excludes_zero([ax, bx, cx]) || excludes_zero([ay, by, cy])) {
+        return None;
+    }
     let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
     let n = cross(e1, e2);
     let along = dot(n, ray.direction);
@@ -52,9 +57,14 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
     Some(TriangleHit { t, weights: [u, v, w] })
 }
 
+/// Whether all three lie on the same side of 0.
+fn excludes_zero([a, b, c]: [f64; 3]) -> bool {
+    (a > 0.0 && b > 0.0 && c > 0.0) || (a < 0.0 && b < 0.0 && c < 0.0)
+}
+
 /// Brings t into the interval in which the ray is inside the triangle's box.
 #[cold]
-fn clamp_to_slabs(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64) -> f64 {
+pub(super) fn clamp_to_slabs(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64) -> f64 {
     let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {
         let direction = ray.direction[axis];
@@ -143,6 +153,19 @@ mod tests {
             let prepared = ray([0.25, 0.25, 1.0], [0.0, -0.0, -length]);
             let hit = intersect(&prepared, &UNIT).expect("straight down");
             assert_eq!(hit.t * prepared.scale * length, 1.0, "2^{exponent}");
+        }
+    }
+
+    #[test]
+    fn specks_are_met_only_by_rays_that_pass_them() {
+        for exponent in [-20, -60, -100] {
+            let size = libm::exp2(f64::from(exponent));
+            let speck = UNIT.map(|v| v.map(|c| c * size));
+            assert!(intersect(&ray([0.3, 0.4, 2.0], [0.1, 0.2, -1.0]), &speck).is_none(), "2^{exponent}");
+            assert!(
+                intersect(&ray([0.25, 0.5, 2.0], [-0.125, -0.25, -1.0]), &speck).is_some(),
+                "2^{exponent}"
+            );
         }
     }
 
