@@ -1,71 +1,134 @@
-//! Rays that start on a surface: which of the triangles around the start they may meet.
+//! Rays that start on a surface: which of the triangles around the start they meet, and where.
 //!
-//! A ray starts at the computed f64 hit point, which lies off its triangle's plane and, on an edge, off the neighbour's, by rounding. So the
-//! start's own triangle and its coincident duplicates are excluded, and a triangle that shares a vertex with the start and whose plane holds
-//! the start point to within [`Start::RADIUS`] is met only where topology says so: the ray passes from the start's side behind it (a concave crease).
+//! A ray starts at the computed f64 hit point, which lies off its triangle's plane, and off a neighbour's that holds the point, by rounding: on which
+//! side is chance. Leaving out the triangle itself isn't enough; neither is a rule that only strikes out hits, since a point behind a wall's plane
+//! never meets the wall. So next to the start nothing is asked of the computed point:
+//!
+//! The ray truly starts in its own triangle S, at o = Σ wᵢsᵢ with weights above 0. Those of the computed point are off by at most
+//! [`RADIUS`] (largest coordinate) / (height of S), so they are raised to that, which puts o inside S for certain. Of a triangle N that shares a vertex x with
+//! S, everything is then measured from x: n·(x − o) = −Σ wᵢ n·(sᵢ − x), where the vertices that N shares drop out as the zeros that they are. What is left has no
+//! cancellation: the ray finds itself on the right side of each crease however near the start is to it, and as near to a vertex as f64 goes it sees the triangles
+//! around it as cones. A triangle in the plane of S gives only zeros, and is never met.
 
+use super::triangle::{TriangleHit, clamp_to_slabs};
 use super::{Prepared, cross, dot, norm1, sub};
+
+/// How far the computed start may lie off the true surface, relative to the largest coordinate: the point is a sum of three
+/// products with weights that sum to 1, each step rounded (below 8 u, u = 2^-53); the plane's own equation adds as much again.
+const RADIUS: f64 = 16.0 * (f64::EPSILON / 2.0);
+
+/// A computed n·(v − p) within this times |e1|₁|e2|₁ max|v − p| is no evidence that v lies off the plane.
+const COPLANAR: f64 = 16.0 * (f64::EPSILON / 2.0);
 
 /// The triangle that a ray starts on.
 #[derive(Clone, Copy, Debug)]
 pub struct Start {
     vertices: [[f64; 3]; 3],
-    normal: [f64; 3],
+    /// Barycentric weights of the start, each above 0.
+    weights: [f64; 3],
+    /// The largest magnitude of a coordinate.
+    largest: f64,
+}
+
+/// How another triangle stands to the start.
+#[derive(Clone, Copy, Debug)]
+pub enum Relation {
+    /// It doesn't touch the start: the ordinary test decides.
+    Stranger,
+    /// It does, or might for all that f64 can tell: this is the answer.
+    Neighbour(Option<TriangleHit>),
 }
 
 impl Start {
-    /// How far the computed start may lie off the true surface, relative to the largest coordinate: the point is a sum of three
-    /// products with weights that sum to 1, each step rounded (below 8 u, u = 2^-53); the plane's own equation adds as much again.
-    const RADIUS: f64 = 16.0 * (f64::EPSILON / 2.0);
-
-    /// A computed n·(v − p) within this times |e1|₁|e2|₁ max|v − p| is no evidence that v lies off the plane.
-    const COPLANAR: f64 = 16.0 * (f64::EPSILON / 2.0);
-
-    pub fn new(vertices: [[f64; 3]; 3]) -> Self {
+    /// `origin` is the computed start.
+    pub fn new(vertices: [[f64; 3]; 3], origin: [f64; 3]) -> Self {
+        let largest = vertices.iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
         let normal = cross(sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
-        Start { vertices, normal }
+        let length2 = dot(normal, normal);
+        let from = vertices.map(|v| sub(v, origin));
+        let weights = std::array::from_fn(|k| {
+            let (p, q) = ((k + 1) % 3, (k + 2) % 3);
+            let side = sub(vertices[q], vertices[p]);
+            let weight = dot(normal, cross(from[p], from[q])) / length2;
+            let least = RADIUS * largest * (dot(side, side) / length2).sqrt();
+            // A sliver thinner than the bound has no inside to be certain of: its middle is as good as any point.
+            weight.max(least.min(0.25))
+        });
+        Start { vertices, weights, largest }
     }
 
-    /// Whether a hit of the ray on another triangle is a true one.
-    ///
-    /// Two triangles that share an edge or vertex, seen along it: the start's triangle and the other enclose an angle on the ray's side, and the
-    /// ray leaves within it or beyond the other. It meets the other exactly if that lies on the ray's side of the start's plane, and the ray goes to the
-    /// side of the other's plane on which the start's triangle does not lie.
-    pub fn admits(&self, ray: &Prepared, other: &[[f64; 3]; 3]) -> bool {
-        let shared = other.iter().filter(|v| self.vertices.contains(v)).count();
-        if shared == 0 {
-            return true;
-        }
-        if shared == 3 {
-            return false;
+    /// Whether and where the ray, which starts on this triangle, meets another one.
+    pub fn meet(&self, ray: &Prepared, other: &[[f64; 3]; 3]) -> Relation {
+        let shared = other.map(|v| self.vertices.contains(&v));
+        let Some(anchor) = shared.iter().position(|&is| is) else { return Relation::Stranger };
+        if shared == [true; 3] {
+            return Relation::Neighbour(None);
         }
         let (e1, e2) = (sub(other[1], other[0]), sub(other[2], other[0]));
         let normal = cross(e1, e2);
-        let to_plane = dot(normal, sub(other[0], ray.origin));
-        let largest = other.iter().chain(&self.vertices).flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
-        if to_plane.abs() > Self::RADIUS * largest * (norm1(e1) * norm1(e2)) {
-            return true;
+        let spread = norm1(e1) * norm1(e2);
+        let to_plane = dot(normal, sub(other[anchor], ray.origin));
+        let largest = other.iter().flatten().fold(self.largest, |m: f64, c| m.max(c.abs()));
+        if to_plane.abs() > RADIUS * largest * spread {
+            return Relation::Stranger;
         }
-        let ray_side = dot(self.normal, ray.direction);
-        let other_side = side(self.normal, &self.vertices, other);
-        let start_side = side(normal, other, &self.vertices);
-        other_side * ray_side > 0.0 && start_side * dot(normal, ray.direction) < 0.0
+        Relation::Neighbour(self.meet_neighbour(ray, other, &shared, anchor, normal, spread))
     }
-}
 
-/// On which side of the plane of `reference` the triangle `of` lies: the signed distance (times |normal|) of its farthest vertex, or 0 where
-/// rounding can't tell any of them from the plane.
-fn side(normal: [f64; 3], reference: &[[f64; 3]; 3], of: &[[f64; 3]; 3]) -> f64 {
-    let spread = norm1(sub(reference[1], reference[0])) * norm1(sub(reference[2], reference[0]));
-    let mut farthest: f64 = 0.0;
-    for vertex in of {
-        let from = sub(*vertex, reference[0]);
-        let distance = dot(normal, from);
-        if distance.abs() > Start::COPLANAR * spread * norm1(from) && distance.abs() > farthest.abs() {
-            farthest = distance;
+    /// `anchor` is a vertex of the other triangle that is shared.
+    fn meet_neighbour(
+        &self,
+        ray: &Prepared,
+        other: &[[f64; 3]; 3],
+        shared: &[bool; 3],
+        anchor: usize,
+        normal: [f64; 3],
+        spread: f64,
+    ) -> Option<TriangleHit> {
+        // n·(o − x), which is 0 for each vertex in the plane.
+        let mut above = 0.0;
+        for (vertex, weight) in self.vertices.iter().zip(self.weights) {
+            let from = sub(*vertex, other[anchor]);
+            let height = dot(normal, from);
+            if !other.contains(vertex) && height.abs() > COPLANAR * spread * norm1(from) {
+                above += weight * height;
+            }
         }
+        let along = dot(normal, ray.direction);
+        let t = -above / along;
+        // Also NaN: in the plane, and along it.
+        if !(t > 0.0 && t < f64::INFINITY) {
+            return None;
+        }
+        let sign = along.signum();
+        let weights = [(1, 2), (2, 0), (0, 1)].map(|(p, q)| sign * self.edge(ray, other, shared, p, q));
+        if weights.iter().any(|&weight| weight < 0.0) {
+            return None;
+        }
+        // The boxes that a traversal tests know the computed start only.
+        Some(TriangleHit { t: clamp_to_slabs(ray, other, t).max(0.0), weights })
     }
-    farthest
+
+    /// d · ((p − o) × (q − o)) for an edge of the other triangle: on which side of it the ray passes.
+    fn edge(&self, ray: &Prepared, other: &[[f64; 3]; 3], shared: &[bool; 3], p: usize, q: usize) -> f64 {
+        let turn = |a: [f64; 3], b: [f64; 3]| dot(ray.direction, cross(a, b));
+        let (from, to) = (other[p], other[q]);
+        let origin = match (shared[p], shared[q]) {
+            (false, false) => return turn(sub(from, ray.origin), sub(to, ray.origin)),
+            (true, _) => from,
+            (false, true) => to,
+        };
+        let side = sub(to, from);
+        let parts = self.vertices.iter().zip(self.weights);
+        // (p − o) × (q − o) = (x − o) × (q − p) for any point x of the edge; the edge's own vertices give 0.
+        parts.fold(0.0, |sum, (vertex, weight)| {
+            if *vertex == from || *vertex == to {
+                sum
+            } else {
+                sum - weight * turn(sub(*vertex, origin), side)
+            }
+        })
+    }
 }
 
 #[cfg(test)]
@@ -90,7 +153,21 @@ mod tests {
             first_id: 0,
             start: NONE,
         };
-        Start::new(FLOOR).admits(&Prepared::new(&ray), &other)
+        // Whatever side of floor and wall rounding has put it on.
+        let answers = [[1e-17, -1e-17], [-1e-17, 1e-17], [-1e-17, -1e-17], [0.0, 0.0]].map(|[x, y]| {
+            let prepared = Prepared::new(&Ray { origin: DVec3::new(x, y, 0.5), ..ray });
+            match Start::new(FLOOR, prepared.origin).meet(&prepared, &other) {
+                Relation::Stranger => {
+                    crate::geometry::triangle::intersect(&prepared, &other).is_some_and(|hit| hit.t > 0.0)
+                }
+                Relation::Neighbour(hit) => {
+                    assert!(hit.is_none_or(|hit| (0.0..1e-14).contains(&hit.t)), "{hit:?}");
+                    hit.is_some()
+                }
+            }
+        });
+        assert!(answers.iter().all(|&answer| answer == answers[0]), "{answers:?}");
+        answers[0]
     }
 
     #[test]
@@ -106,6 +183,34 @@ mod tests {
         for direction in [[-1.0, 0.1, 0.0], [1.0, 0.1, 0.0], [-0.1, 1.0, 0.3]] {
             assert!(!admits(direction, slope(-1.0, -0.5)));
             assert!(!admits(direction, slope(-1.0, 0.0)));
+        }
+    }
+
+    #[test]
+    fn around_a_vertex_triangles_are_met_as_cones() {
+        let corner = |at: [f64; 3], direction: [f64; 3], other| {
+            let origin = DVec3::from(at);
+            let ray = Ray {
+                origin,
+                direction: DVec3::from(direction),
+                t_min: 0.0,
+                t_max: f64::INFINITY,
+                first_id: 0,
+                start: NONE,
+            };
+            let prepared = Prepared::new(&ray);
+            match Start::new(FLOOR, prepared.origin).meet(&prepared, &other) {
+                Relation::Stranger => panic!("it touches the start"),
+                Relation::Neighbour(hit) => hit.is_some(),
+            }
+        };
+        // A fin over the floor that shares only its corner at the origin, across the diagonal; its plane is straddled by the floor.
+        let fin = [[0.0, 0.0, 0.0], [-1.0, 1.0, 1.0], [1.0, 1.0, -1.0]];
+        let beside = [[0.0, 0.0, 0.0], [-1.0, 0.1, 1.0], [-1.0, 0.2, 1.0]];
+        for at in [[0.0; 3], [1e-17, -1e-17, 1e-18], [-1e-18, 1e-17, -1e-17]] {
+            assert!(corner(at, [-1.0, 2.0, -1.0], fin), "{at:?}");
+            assert!(!corner(at, [1.0, 2.0, 1.0], fin), "{at:?}");
+            assert!(!corner(at, [-1.0, 0.5, 0.0], beside), "{at:?}");
         }
     }
 
