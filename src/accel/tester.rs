@@ -57,6 +57,7 @@ impl<'a> Tester<'a> {
         };
         if let Some(hit) = hit
             && self.counts(hit.t, primitive)
+            && self.start_triangle.as_ref().is_none_or(|start| !start.is_level_with(&vertices))
         {
             self.t_best = hit.t;
             self.primitive = primitive;

@@ -9,6 +9,7 @@ pub mod record;
 pub mod sphere;
 pub mod start;
 pub mod triangle;
+mod twofold;
 
 use glam::DVec3;
 

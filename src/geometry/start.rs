@@ -2,23 +2,27 @@
 //!
 //! A ray starts at the computed f64 hit point, which lies off its triangle's plane, and off a neighbour's that holds the point, by rounding: on which
 //! side is chance. Leaving out the triangle itself isn't enough; neither is a rule that only strikes out hits, since a point behind a wall's plane
-//! never meets the wall. So next to the start nothing is asked of the computed point:
+//! never meets the wall. So of the triangles that share a vertex with the start's, none is asked about the computed point:
 //!
 //! The ray truly starts in its own triangle S, at o = Σ wᵢsᵢ with weights above 0. Those of the computed point are off by at most
 //! [`RADIUS`] (largest coordinate) / (height of S), so they are raised to that, which puts o inside S for certain. Of a triangle N that shares a vertex x with
 //! S, everything is then measured from x: n·(x − o) = −Σ wᵢ n·(sᵢ − x), where the vertices that N shares drop out as the zeros that they are. What is left has no
-//! cancellation: the ray finds itself on the right side of each crease however near the start is to it, and as near to a vertex as f64 goes it sees the triangles
-//! around it as cones. A triangle in the plane of S gives only zeros, and is never met.
+//! cancellation: the ray is on the right side of each crease however near the start is to it and however flat it leaves, and as near to a vertex as f64 goes it sees
+//! the triangles around it as cones. A triangle in the plane of S gives only zeros, and is never met.
 
 use super::triangle::{TriangleHit, clamp_to_slabs};
-use super::{Prepared, cross, dot, norm1, sub};
+use super::{Prepared, cross, dot, sub};
 
 /// How far the computed start may lie off the true surface, relative to the largest coordinate: the point is a sum of three
 /// products with weights that sum to 1, each step rounded (below 8 u, u = 2^-53); the plane's own equation adds as much again.
 const RADIUS: f64 = 16.0 * (f64::EPSILON / 2.0);
 
-/// A computed n·(v − p) within this times |e1|₁|e2|₁ max|v − p| is no evidence that v lies off the plane.
-const COPLANAR: f64 = 16.0 * (f64::EPSILON / 2.0);
+/// How far the weights may be raised, over the largest coordinate: an eighth of what `bounds` pads boxes by.
+const FARTHEST: f64 = 1.0 / 17_179_869_184.0;
+
+/// A component of n is off by 3 u times the magnitudes of its two products, n·f by 3 u more: below this times [`spread`]·|f| it
+/// is no evidence that a point lies off the plane.
+const COPLANAR: f64 = 8.0 * (f64::EPSILON / 2.0);
 
 /// The triangle that a ray starts on.
 #[derive(Clone, Copy, Debug)]
@@ -26,35 +30,44 @@ pub struct Start {
     vertices: [[f64; 3]; 3],
     /// Barycentric weights of the start, each above 0.
     weights: [f64; 3],
-    /// The largest magnitude of a coordinate.
-    largest: f64,
 }
 
 /// How another triangle stands to the start.
 #[derive(Clone, Copy, Debug)]
 pub enum Relation {
-    /// It doesn't touch the start: the ordinary test decides.
+    /// It shares no vertex with the start: the ordinary test decides.
     Stranger,
-    /// It does, or might for all that f64 can tell: this is the answer.
+    /// It does: this is the answer.
     Neighbour(Option<TriangleHit>),
 }
 
 impl Start {
     /// `origin` is the computed start.
     pub fn new(vertices: [[f64; 3]; 3], origin: [f64; 3]) -> Self {
-        let largest = vertices.iter().flatten().fold(0.0, |m: f64, c| m.max(c.abs()));
-        let normal = cross(sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
-        let length2 = dot(normal, normal);
-        let from = vertices.map(|v| sub(v, origin));
-        let weights = std::array::from_fn(|k| {
-            let (p, q) = ((k + 1) % 3, (k + 2) % 3);
-            let side = sub(vertices[q], vertices[p]);
-            let weight = dot(normal, cross(from[p], from[q])) / length2;
-            let least = RADIUS * largest * (dot(side, side) / length2).sqrt();
-            // A sliver thinner than the bound has no inside to be certain of: its middle is as good as any point.
-            weight.max(least.min(0.25))
-        });
-        Start { vertices, weights, largest }
+        let largest: [f64; 3] =
+            std::array::from_fn(|axis| vertices.iter().fold(0.0, |m: f64, v| m.max(v[axis].abs())));
+        let sides: [[f64; 3]; 3] = std::array::from_fn(|k| sub(vertices[(k + 2) % 3], vertices[(k + 1) % 3]));
+        let length2 = sides.map(|side| dot(side, side));
+        let longest2 = length2[0].max(length2[1]).max(length2[2]);
+        // The longest side a b and the corner c across it. Along that side the place is found directly, so that the error of the weight of c, which
+        // of a sliver is large, doesn't move it.
+        let c = if length2[0] == longest2 { 0 } else { usize::from(length2[1] != longest2) + 1 };
+        let (a, b) = ((c + 1) % 3, (c + 2) % 3);
+        let normal = cross(sides[c], sub(vertices[c], vertices[a]));
+        let area2 = dot(normal, normal);
+        let along = |point: [f64; 3]| dot(sub(point, vertices[a]), sides[c]) / longest2;
+        let mut weights = [0.0; 3];
+        weights[c] = dot(normal, cross(sides[c], sub(origin, vertices[a]))) / area2;
+        weights[b] = along(origin) - weights[c] * along(vertices[c]);
+        weights[a] = 1.0 - weights[b] - weights[c];
+        // Of a sliver thinner than the bound no point is inside for certain; and the boxes that a traversal tests are padded for no longer way than this.
+        let farthest = largest[0].max(largest[1]).max(largest[2]);
+        let most = (farthest / longest2.sqrt() * FARTHEST).min(0.25);
+        for k in 0..3 {
+            let least = RADIUS * farthest * (length2[k] / area2).sqrt();
+            weights[k] = weights[k].max(least.min(most));
+        }
+        Start { vertices, weights }
     }
 
     /// Whether and where the ray, which starts on this triangle, meets another one.
@@ -66,13 +79,19 @@ impl Start {
         }
         let (e1, e2) = (sub(other[1], other[0]), sub(other[2], other[0]));
         let normal = cross(e1, e2);
-        let spread = norm1(e1) * norm1(e2);
-        let to_plane = dot(normal, sub(other[anchor], ray.origin));
-        let largest = other.iter().flatten().fold(self.largest, |m: f64, c| m.max(c.abs()));
-        if to_plane.abs() > RADIUS * largest * spread {
-            return Relation::Stranger;
-        }
+        let spread = spread(e1, e2);
         Relation::Neighbour(self.meet_neighbour(ray, other, &shared, anchor, normal, spread))
+    }
+
+    /// Whether a triangle lies in the plane of this one: no ray that has left the plane comes back to it.
+    #[cold]
+    pub fn is_level_with(&self, other: &[[f64; 3]; 3]) -> bool {
+        let (e1, e2) = (sub(other[1], other[0]), sub(other[2], other[0]));
+        let (normal, spread) = (cross(e1, e2), spread(e1, e2));
+        self.vertices.iter().all(|vertex| {
+            let from = sub(*vertex, other[0]);
+            dot(normal, from).abs() <= COPLANAR * dot(spread, from.map(f64::abs))
+        })
     }
 
     /// `anchor` is a vertex of the other triangle that is shared.
@@ -83,14 +102,14 @@ impl Start {
         shared: &[bool; 3],
         anchor: usize,
         normal: [f64; 3],
-        spread: f64,
+        spread: [f64; 3],
     ) -> Option<TriangleHit> {
         // n·(o − x), which is 0 for each vertex in the plane.
         let mut above = 0.0;
         for (vertex, weight) in self.vertices.iter().zip(self.weights) {
             let from = sub(*vertex, other[anchor]);
             let height = dot(normal, from);
-            if !other.contains(vertex) && height.abs() > COPLANAR * spread * norm1(from) {
+            if !other.contains(vertex) && height.abs() > COPLANAR * dot(spread, from.map(f64::abs)) {
                 above += weight * height;
             }
         }
@@ -129,6 +148,12 @@ impl Start {
             }
         })
     }
+}
+
+/// For each component of e1 × e2 the sum of its two products' magnitudes.
+fn spread(e1: [f64; 3], e2: [f64; 3]) -> [f64; 3] {
+    let (a, b) = (e1.map(f64::abs), e2.map(f64::abs));
+    [a[1] * b[2] + a[2] * b[1], a[2] * b[0] + a[0] * b[2], a[0] * b[1] + a[1] * b[0]]
 }
 
 #[cfg(test)]
@@ -200,7 +225,7 @@ mod tests {
             };
             let prepared = Prepared::new(&ray);
             match Start::new(FLOOR, prepared.origin).meet(&prepared, &other) {
-                Relation::Stranger => panic!("it touches the start"),
+                Relation::Stranger => panic!("it shares a vertex with the start"),
                 Relation::Neighbour(hit) => hit.is_some(),
             }
         };
@@ -211,6 +236,16 @@ mod tests {
             assert!(corner(at, [-1.0, 2.0, -1.0], fin), "{at:?}");
             assert!(!corner(at, [1.0, 2.0, 1.0], fin), "{at:?}");
             assert!(!corner(at, [-1.0, 0.5, 0.0], beside), "{at:?}");
+        }
+    }
+
+    #[test]
+    fn only_what_lies_in_the_plane_is_level() {
+        let start = Start::new(FLOOR, [0.25, 0.0, 0.25]);
+        let at = |y: f64| [[-1.0, y, -1.0], [-1.0, y, 3.0], [3.0, y, -1.0]];
+        assert!(start.is_level_with(&at(0.0)));
+        for y in [1e-40, -1e-7, 0.5] {
+            assert!(!start.is_level_with(&at(y)), "{y}");
         }
     }
 

@@ -4,9 +4,10 @@
 //! sharing an edge compute the same number for it but for its sign: no ray passes between them. Distance: from the plane's
 //! equation, since interpolating it over a sliver's edge functions loses all digits.
 
+use super::twofold::Twofold;
 use super::{Prepared, cross, dot, norm1, sub};
 
-/// Where |n·d| is at most this times |e1|₁|e2|₁, t is clamped to the triangle's own slab interval.
+/// Where |n·d| is at most this times |e1|₁|e2|₁, t is computed with twice the digits and clamped to the triangle's own slab interval.
 ///
 /// Above it, t's error times |d| is below 2^-32 Q, with Q = |origin|∞ + max|vertex|∞: each component of n = e1 × e2 is off by at
 /// most 3u times its two products' magnitudes (u = 2^-53), so n·(v − o) and n·d are off by at most 16u |e1|₁|e2|₁ times Q and |d|∞ < 2; dividing by
@@ -52,7 +53,7 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
     // Written so that NaN, from products beyond f64's range, is clamped too.
     let upright = along.abs() > GRAZING * (norm1(e1) * norm1(e2));
     if !upright {
-        t = clamp_to_slabs(ray, vertices, t);
+        t = clamp_to_slabs(ray, vertices, grazing_t(ray, vertices));
     }
     Some(TriangleHit { t, weights: [u, v, w] })
 }
@@ -60,6 +61,22 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
 /// Whether all three lie on the same side of 0.
 fn excludes_zero([a, b, c]: [f64; 3]) -> bool {
     (a > 0.0 && b > 0.0 && c > 0.0) || (a < 0.0 && b < 0.0 && c < 0.0)
+}
+
+/// t of the plane with twice the digits: of a ray that nearly lies in the plane f64 would keep none.
+#[cold]
+fn grazing_t(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> f64 {
+    let difference = |p: [f64; 3], q: [f64; 3]| -> [Twofold; 3] {
+        std::array::from_fn(|axis| Twofold::difference(p[axis], q[axis]))
+    };
+    let dot = |p: &[Twofold; 3], q: &[Twofold; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    let (e1, e2) = (difference(vertices[1], vertices[0]), difference(vertices[2], vertices[0]));
+    let normal: [Twofold; 3] = std::array::from_fn(|axis| {
+        let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+        e1[i] * e2[j] - e1[j] * e2[i]
+    });
+    let direction = ray.direction.map(Twofold::from);
+    dot(&normal, &difference(vertices[0], ray.origin)).ratio(dot(&normal, &direction))
 }
 
 /// Brings t into the interval in which the ray is inside the triangle's box.
@@ -167,6 +184,16 @@ mod tests {
                 "2^{exponent}"
             );
         }
+    }
+
+    #[test]
+    fn grazing_rays_are_met_where_the_plane_is() {
+        // z = (x + y) / 3 over a tilted triangle, and a ray that sinks by 2^-40 for each unit along it.
+        let tilted = [[0.0, 0.0, 0.0], [3.0, 0.0, 1.0], [0.0, 3.0, 1.0]];
+        let sink = libm::exp2(-40.0);
+        let prepared = ray([0.75, 0.75, 0.5 + sink], [3.0, -3.0, -4.0 * sink]);
+        let hit = intersect(&prepared, &tilted).expect("it sinks through");
+        assert_eq!(hit.t * prepared.scale, 0.25);
     }
 
     #[test]

@@ -81,35 +81,75 @@ impl Court {
     ///
     /// The ray's truth is that of a ray from the exact point; next to an edge or vertex that of rays from a little inside the triangle.
     pub fn judge_spawned(&self, start: u32, uv: [f64; 2], direction: DVec3, found: Found) -> Judged {
-        let samples = self.samples(start, uv, direction);
+        let (center, inner) = self.samples(start, uv, direction);
         let aside = |slack: f64| Aside { slack, start: Some(start) };
-        let stages: Vec<Stage> =
-            samples.iter().map(|(ray, slack)| self.compare(ray, &aside(*slack), found)).collect();
-        let right = stages.iter().filter(|stage| matches!(stage, Stage::Right(_))).count();
-        if right == stages.len() {
-            let error = match stages.as_slice() {
-                [Stage::Right(error)] => *error,
-                _ => None,
-            };
-            return Judged { verdict: Verdict::Right, error };
+        let at_center = self.compare(&center, &aside(0.0), found);
+        if inner.is_empty() {
+            return self.conclude(&center, &aside(0.0), at_center, &[], start, found);
         }
-        let all = |wanted: fn(&Stage) -> bool| stages.iter().all(wanted);
-        let verdict = if right > 0 {
-            Verdict::TooClose
-        } else if self.is_self_hit(&samples, start, found) {
-            Verdict::SelfHit
-        } else if all(|stage| matches!(stage, Stage::False)) {
-            Verdict::FalseHit
-        } else if all(|stage| matches!(stage, Stage::Late)) {
-            self.late(found, true)
-        } else if all(|stage| matches!(stage, Stage::Late | Stage::PerhapsLate))
-            && samples.iter().all(|(ray, slack)| self.late_all_around(ray, &aside(*slack), found))
+        // Next to the border the point itself may stand for it, or any point a little inside.
+        let stages: Vec<Stage> =
+            inner.iter().map(|(ray, slack)| self.compare(ray, &aside(*slack), found)).collect();
+        if stages.iter().all(|stage| matches!(stage, Stage::Right(_))) {
+            return Judged { verdict: Verdict::Right, error: None };
+        }
+        let open = |stage: &Stage| matches!(stage, Stage::Right(_) | Stage::Open);
+        let own = self.referee.meeting(&center, start, self.referee.aside(&center));
+        let verdict = if matches!(at_center, Stage::Right(_))
+            || stages.iter().any(|stage| matches!(stage, Stage::Right(_)))
+            || own.is_none_or(|own| own.level)
         {
-            self.late(found, false)
-        } else {
             Verdict::TooClose
+        } else if self.is_self_hit(&center, &inner, start, found) {
+            Verdict::SelfHit
+        } else if inner.iter().all(|(ray, slack)| self.tunnels(ray, *slack, start, found)) {
+            self.late(found, false)
+        } else if stages.iter().any(open) || open(&at_center) {
+            Verdict::TooClose
+        } else {
+            return self.conclude(&center, &aside(0.0), at_center, &inner, start, found);
         };
         Judged { verdict, error: None }
+    }
+
+    /// The verdict of the exact ray from the start itself, where it is clear of the triangle's border or where all samples object, too.
+    fn conclude(
+        &self,
+        center: &ExactRay,
+        aside: &Aside,
+        stage: Stage,
+        inner: &[(ExactRay, f64)],
+        start: u32,
+        found: Found,
+    ) -> Judged {
+        let verdict = match stage {
+            Stage::Right(error) => return Judged { verdict: Verdict::Right, error },
+            _ if self.is_self_hit(center, inner, start, found) => Verdict::SelfHit,
+            Stage::Open => Verdict::TooClose,
+            Stage::False => Verdict::FalseHit,
+            Stage::Late if inner.is_empty() => self.late(found, true),
+            Stage::Late | Stage::PerhapsLate if self.late_all_around(center, aside, found) => {
+                self.late(found, matches!(stage, Stage::Late))
+            }
+            Stage::Late | Stage::PerhapsLate => Verdict::TooClose,
+        };
+        Judged { verdict, error: None }
+    }
+
+    /// Whether the ray, which starts `slack` from the true start, has passed through a surface right there: one that belongs to the start.
+    fn tunnels(&self, ray: &ExactRay, slack: f64, start: u32, found: Found) -> bool {
+        let aside = Aside { slack, start: Some(start) };
+        let t = found.map_or(f64::INFINITY, |(_, t)| t);
+        self.referee.meetings(ray).iter().any(|meeting| {
+            let reach = meeting.uncertainty() + slack * meeting.steepness;
+            aside.counts(meeting)
+                && !meeting.level
+                && !meeting.optional()
+                && meeting.t <= reach
+                && t > meeting.t + reach
+                && self.belongs(meeting.primitive, start)
+                && !aside.excludes(&self.referee, meeting)
+        })
     }
 
     fn late(&self, found: Found, surely: bool) -> Verdict {
@@ -176,7 +216,7 @@ impl Court {
     }
 
     /// Whether the tracer met, at the start itself, a triangle that belongs to the start's surface and that none of the exact rays meets.
-    fn is_self_hit(&self, samples: &[(ExactRay, f64)], start: u32, found: Found) -> bool {
+    fn is_self_hit(&self, center: &ExactRay, inner: &[(ExactRay, f64)], start: u32, found: Found) -> bool {
         let Some((primitive, t)) = found else { return false };
         if primitive == start {
             return true;
@@ -184,14 +224,17 @@ impl Court {
         if !self.belongs(primitive, start) {
             return false;
         }
-        samples.iter().all(|(ray, slack)| {
-            // The farthest from the start that rounding, and the sample's own distance from it, can bring the plane.
+        let coincident =
+            coplanar(&self.referee.triangles[start as usize], &self.referee.triangles[primitive as usize]);
+        let objects = |ray: &ExactRay, slack: f64| {
+            // How far rounding and the sample's own distance from the start can bring the plane.
             let wide = 2.0 * slack + self.referee.aside(ray);
-            self.referee.meeting(ray, primitive, wide).is_some_and(|own| {
-                let reach = own.uncertainty() + wide * own.steepness;
-                !own.beyond_origin() && (t <= reach || own.t.is_nan())
-            })
-        })
+            let at_start = t * ray.length() <= 8.0 * wide;
+            self.referee
+                .meeting(ray, primitive, wide)
+                .is_some_and(|own| !own.beyond_origin() && (coincident || (!own.level && at_start)))
+        };
+        objects(center, 0.0) && inner.iter().all(|(ray, slack)| objects(ray, *slack))
     }
 
     /// Whether two triangles share a vertex or a plane.
@@ -200,8 +243,8 @@ impl Court {
         own.iter().any(|v| other.contains(v)) || coplanar(&own, &other)
     }
 
-    /// The exact rays whose answers a ray that starts here may give, each with its distance from the start.
-    fn samples(&self, start: u32, [u, v]: [f64; 2], direction: DVec3) -> Vec<(ExactRay, f64)> {
+    /// The exact ray from the start, and next to the triangle's border rays from a little inside, each with its distance from the start.
+    fn samples(&self, start: u32, [u, v]: [f64; 2], direction: DVec3) -> (ExactRay, Vec<(ExactRay, f64)>) {
         let vertices = self.referee.triangles[start as usize];
         let corners = vertices.map(|v| exact(v.map(f64::from)));
         let weights = {
@@ -219,7 +262,7 @@ impl Court {
         let sides = [(c - b).length(), (a - c).length(), (b - a).length()];
         let heights = sides.map(|side| (b - a).cross(c - a).length() / side);
         if (0..3).all(|k| weights[k].approximate() * heights[k] > 8.0 * bound) {
-            return vec![(point, 0.0)];
+            return (point, Vec::new());
         }
         // Weights of points inside, in eighths, all around.
         const INSIDE: [[f64; 3]; 6] = [
@@ -236,15 +279,37 @@ impl Court {
             step *= 0.5;
         }
         let longest = sides[0].max(sides[1]).max(sides[2]);
-        INSIDE
-            .map(|inside| {
+        let mut inner = Vec::with_capacity(2 * INSIDE.len());
+        for inside in INSIDE {
+            // Equally far from all sides, and equally far between the corners.
+            let by_height = {
+                let parts: [f64; 3] = std::array::from_fn(|k| inside[k] / heights[k]);
+                let sum = parts[0] + parts[1] + parts[2];
+                // In whole 2^-40: their sum is 1 exactly.
+                let whole =
+                    |part: f64| ((part / sum * 1_099_511_627_776.0).floor() + 1.0) / 1_099_511_627_776.0;
+                let [a, b, c] = parts.map(whole);
+                if heights[0] >= heights[1] && heights[0] >= heights[2] {
+                    [a, b, 1.0 - a - b]
+                } else if heights[1] >= heights[2] {
+                    [1.0 - b - c, b, c]
+                } else {
+                    [a, 1.0 - a - c, c]
+                }
+            };
+            for inside in [inside.map(|part| 0.125 * part), by_height] {
+                if inside.iter().any(|&part| !(part > 0.0)) {
+                    continue;
+                }
                 let moved: [Dyadic; 3] = std::array::from_fn(|k| {
-                    let inside = Dyadic::new(step * 0.125 * inside[k]);
-                    weights[k].times(&Dyadic::new(1.0 - step)).plus(&inside)
+                    weights[k]
+                        .times(&Dyadic::new(1.0 - step))
+                        .plus(&Dyadic::new(step).times(&Dyadic::new(inside[k])))
                 });
-                (ExactRay::new(at(&moved), direction), step * longest)
-            })
-            .into()
+                inner.push((ExactRay::new(at(&moved), direction), step * longest));
+            }
+        }
+        (point, inner)
     }
 }
 

@@ -67,6 +67,8 @@ pub struct Meeting {
     slab: [f64; 2],
     /// Whether the ray is so nearly in the plane that only `slab` is asked of a rounded t.
     grazing: bool,
+    /// Whether f64 can't tell the ray from the plane's directions.
+    pub level: bool,
 }
 
 impl Meeting {
@@ -240,6 +242,7 @@ impl Referee {
             steepness,
             slab,
             grazing,
+            level: !(along > ALONG * U * spread * length),
         }
     }
 }

@@ -158,6 +158,34 @@ impl<'a> Bench<'a> {
                     .map(|c| c.times(&Dyadic::new(frame.scale))),
                 direction,
             );
+            if std::env::var_os("DBG").is_some() {
+                //DBG
+                let j = self.court.judge(&ray, found(&answer)); //DBG
+                if !matches!(j.verdict, super::judge::Verdict::Right | super::judge::Verdict::TooClose) {
+                    //DBG
+                    eprintln!(
+                        "FREE {:?} {:?} {index} o {:?} d {:?} ans {:?}\n   {:?}",
+                        j.verdict,
+                        aim,
+                        record.origin,
+                        record.direction,
+                        answer,
+                        self.court
+                            .referee
+                            .meetings(&ray)
+                            .iter()
+                            .map(|m| (
+                                m.primitive,
+                                m.met,
+                                m.surely,
+                                m.t,
+                                m.uncertainty(),
+                                self.scene.surfaces.triangle(m.primitive)
+                            ))
+                            .collect::<Vec<_>>()
+                    ); //DBG
+                } //DBG
+            } //DBG
             return (
                 self.court.judge(&ray, found(&answer)),
                 differs(tracers, &record.ray(), &answer, &mut dice),
@@ -169,7 +197,36 @@ impl<'a> Bench<'a> {
         let record = record.onward(hit.position, hit.primitive, onward, Query::Closest, Origin::Reflection);
         let second = tracers[0].closest(&record.ray());
         let uv = [answer.u, answer.v];
-        let judged = self.court.judge_spawned(answer.primitive, uv, onward, found(&second));
+        let mut judged = self.court.judge_spawned(answer.primitive, uv, onward, found(&second));
+        // The rounding of the start is in it: no measure of how exactly t is found.
+        judged.error = None;
+        if std::env::var_os("DBG").is_some()
+            && !matches!(judged.verdict, super::judge::Verdict::Right | super::judge::Verdict::TooClose)
+        {
+            //DBG
+            let tri = |id: u32| if id == u32::MAX { [[0.0; 3]; 3] } else { self.scene.surfaces.triangle(id) }; //DBG
+            eprintln!(
+                "SPAWN {:?} {:?} {index} from {:?} uv {uv:?} d {:?} start {} {:?} ans {:?} {:?}",
+                judged.verdict,
+                aim,
+                record.origin,
+                onward,
+                answer.primitive,
+                tri(answer.primitive),
+                second,
+                tri(second.primitive)
+            ); //DBG
+            let ray = ExactRay::plain(hit.position, onward); //DBG
+            eprintln!(
+                "   {:?}",
+                self.court
+                    .referee
+                    .meetings(&ray)
+                    .iter()
+                    .map(|m| (m.primitive, m.met, m.surely, m.t, m.uncertainty()))
+                    .collect::<Vec<_>>()
+            ); //DBG
+        } //DBG
         (judged, differs(tracers, &record.ray(), &second, &mut dice))
     }
 }
@@ -246,4 +303,118 @@ fn check_frame(name: &str, scene: &Scene, body: &Body) -> Result<()> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::judge::Verdict;
+    use super::*;
+
+    fn subject(shape: &str, place: &str) -> Subject {
+        let found = generated().into_iter().find(|subject| subject.shape == shape && subject.place == place);
+        found.expect("a generated body")
+    }
+
+    /// Möller and Trumbore 1997 in f32 with a tuned epsilon, as in textbooks.
+    struct Textbook<'a>(&'a Scene);
+
+    impl Textbook<'_> {
+        fn meet(&self, ray: &Ray, id: u32) -> Option<f32> {
+            use glam::Vec3;
+            let [a, b, c] = self.0.surfaces.triangle(id).map(Vec3::from);
+            let (origin, direction) = (ray.origin.as_vec3(), ray.direction.as_vec3());
+            let (e1, e2) = (b - a, c - a);
+            let p = direction.cross(e2);
+            let determinant = e1.dot(p);
+            if determinant.abs() < 1e-7 {
+                return None;
+            }
+            let from = origin - a;
+            let u = from.dot(p) / determinant;
+            let q = from.cross(e1);
+            let v = direction.dot(q) / determinant;
+            let t = e2.dot(q) / determinant;
+            (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 1e-6).then_some(t)
+        }
+    }
+
+    impl Tracer for Textbook<'_> {
+        fn closest(&self, ray: &Ray) -> Answer {
+            let ids = 0..self.0.surfaces.triangles.len() as u32;
+            let hits = ids.filter_map(|id| Some((self.meet(ray, id)?, id)));
+            match hits.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                Some((t, primitive)) => Answer { t: f64::from(t), primitive, ..Answer::MISS },
+                None => Answer::MISS,
+            }
+        }
+
+        fn occluded(&self, ray: &Ray) -> bool {
+            self.closest(ray).t <= ray.t_max
+        }
+    }
+
+    #[test]
+    fn a_textbook_tracer_is_found_out() {
+        let subject = subject("icosphere", "as it is");
+        let bench = Bench::new(&subject).unwrap();
+        let tally = bench.run(&[&Textbook(&bench.scene)], 0, 0, 0..2000);
+        assert!(tally.leaks > 0, "{tally:?}");
+        assert!(tally.misses + tally.skipped + tally.false_hits > 100, "{tally:?}");
+    }
+
+    #[test]
+    fn a_tracer_without_a_rule_for_starts_is_found_out() {
+        struct Forgetful<'a>(Structure<'a>);
+        impl Tracer for Forgetful<'_> {
+            fn closest(&self, ray: &Ray) -> Answer {
+                self.0.closest(&Ray { start: crate::geometry::NONE, ..*ray })
+            }
+            fn occluded(&self, ray: &Ray) -> bool {
+                self.0.occluded(&Ray { start: crate::geometry::NONE, ..*ray })
+            }
+        }
+        let subject = subject("bumpy", "as it is");
+        let bench = Bench::new(&subject).unwrap();
+        let tracer = Forgetful(Structure { accel: Accel::Brute, scene: &bench.scene });
+        let tally = bench.run(&[&tracer], 0, 0, 0..2000);
+        assert!(tally.self_hits > 100, "{tally:?}");
+    }
+
+    #[test]
+    fn every_wrong_answer_has_its_verdict() {
+        let subject = subject("torus", "as it is");
+        let bench = Bench::new(&subject).unwrap();
+        let court = &bench.court;
+        // Through the ring from above: four surfaces.
+        let ray = ExactRay::plain(DVec3::new(0.31, 5.0, 0.17), DVec3::NEG_Y);
+        let mut met = court.referee.meetings(&ray);
+        met.retain(|meeting| meeting.ahead());
+        met.sort_by(|a, b| a.order(b));
+        let verdict = |found| court.judge(&ray, found).verdict;
+        assert_eq!(met.len() % 2, 0);
+        let (near, far) = (&met[0], &met[met.len() - 1]);
+        assert_eq!(verdict(Some((near.primitive, near.t))), Verdict::Right);
+        assert_eq!(verdict(Some((near.primitive, near.t + 1e-9))), Verdict::FalseHit);
+        assert_eq!(verdict(Some((near.primitive ^ 64, near.t))), Verdict::FalseHit);
+        assert_eq!(verdict(Some((far.primitive, far.t))), Verdict::Skipped);
+        assert_eq!(verdict(None), Verdict::Miss);
+    }
+
+    #[test]
+    fn the_renderer_passes_and_any_division_gives_the_same() {
+        let plan = Plan { rays: 2000, seed: 7, accels: vec![AccelKind::Bvh, AccelKind::Brute] };
+        for subject in
+            [subject("saddles", "as it is"), subject("dust", "scaled 1e-6"), subject("box", "moved 1e4")]
+        {
+            let whole = run(&subject, 3, plan.rays, &plan, 0, 1).unwrap();
+            assert_eq!(whole.rays, plan.rays);
+            assert_eq!(whole.wrong(), 0, "{} {}: {whole:?}", subject.shape, subject.place);
+            assert!(whole.ulps.quantile(0.999) <= 1.0, "{whole:?}");
+            let mut parts = Tally::default();
+            for rank in 0..3 {
+                parts.merge(&run(&subject, 3, plan.rays, &plan, rank, 3).unwrap());
+            }
+            assert_eq!(parts, whole);
+        }
+    }
 }
