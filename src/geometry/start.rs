@@ -2,15 +2,19 @@
 //!
 //! A ray starts at the computed f64 hit point, which lies off its triangle's plane, and off a neighbour's that holds the point, by rounding: on which
 //! side is chance. Leaving out the triangle itself isn't enough; neither is a rule that only strikes out hits, since a point behind a wall's plane
-//! never meets the wall. So of the triangles that share a vertex with the start's, none is asked about the computed point:
+//! never meets the wall. So what rounding has put in doubt isn't asked of the computed point:
 //!
 //! The ray truly starts in its own triangle S, at o = Σ wᵢsᵢ with weights above 0. Those of the computed point are off by at most
 //! [`RADIUS`] (largest coordinate) / (height of S), so they are raised to that, which puts o inside S for certain. Of a triangle N that shares a vertex x with
-//! S, everything is then measured from x: n·(x − o) = −Σ wᵢ n·(sᵢ − x), where the vertices that N shares drop out as the zeros that they are. What is left has no
-//! cancellation: the ray is on the right side of each crease however near the start is to it and however flat it leaves, and as near to a vertex as f64 goes it sees
+//! S, things are then measured from x: n·(x − o) = −Σ wᵢ n·(sᵢ − x), where the vertices that N shares drop out as the zeros that they are. What is left has no
+//! cancellation: the ray is on the right side of each crease however near the start is to it, and as near to a vertex as f64 goes it sees
 //! the triangles around it as cones. A triangle in the plane of S gives only zeros, and is never met.
+//!
+//! In doubt is a neighbour whose plane holds the computed point to within [`RADIUS`]; and, of a ray that leaves so flat that it is still within rounding of S when
+//! it comes to an edge of S, on which side of that edge it passes. Everything else is the ordinary test's, so that it sees all surfaces from one point: there are no cracks
+//! between those that were in doubt and those that weren't.
 
-use super::triangle::{TriangleHit, clamp_to_slabs};
+use super::triangle::{Sheared, TriangleHit, clamp_to_slabs, meet_plane};
 use super::{Prepared, cross, dot, sub};
 
 /// How far the computed start may lie off the true surface, relative to the largest coordinate: the point is a sum of three
@@ -30,6 +34,8 @@ pub struct Start {
     vertices: [[f64; 3]; 3],
     /// Barycentric weights of the start, each above 0.
     weights: [f64; 3],
+    /// The largest magnitude of a coordinate on each axis.
+    largest: [f64; 3],
 }
 
 /// How another triangle stands to the start.
@@ -44,8 +50,7 @@ pub enum Relation {
 impl Start {
     /// `origin` is the computed start.
     pub fn new(vertices: [[f64; 3]; 3], origin: [f64; 3]) -> Self {
-        let largest: [f64; 3] =
-            std::array::from_fn(|axis| vertices.iter().fold(0.0, |m: f64, v| m.max(v[axis].abs())));
+        let largest = largest_on_axes([0.0; 3], &vertices);
         let sides: [[f64; 3]; 3] = std::array::from_fn(|k| sub(vertices[(k + 2) % 3], vertices[(k + 1) % 3]));
         let length2 = sides.map(|side| dot(side, side));
         let longest2 = length2[0].max(length2[1]).max(length2[2]);
@@ -67,7 +72,7 @@ impl Start {
             let least = RADIUS * farthest * (length2[k] / area2).sqrt();
             weights[k] = weights[k].max(least.min(most));
         }
-        Start { vertices, weights }
+        Start { vertices, weights, largest }
     }
 
     /// Whether and where the ray, which starts on this triangle, meets another one.
@@ -78,9 +83,42 @@ impl Start {
             return Relation::Neighbour(None);
         }
         let (e1, e2) = (sub(other[1], other[0]), sub(other[2], other[0]));
-        let normal = cross(e1, e2);
-        let spread = spread(e1, e2);
-        Relation::Neighbour(self.meet_neighbour(ray, other, &shared, anchor, normal, spread))
+        let plane = Plane { normal: cross(e1, e2), spread: spread(e1, e2), anchor };
+        let largest = largest_on_axes(self.largest, other);
+        let to_plane = dot(plane.normal, sub(other[anchor], ray.origin));
+        if to_plane.abs() <= RADIUS * dot(plane.spread, largest) {
+            return Relation::Neighbour(self.meet_at_start(ray, other, &shared, &plane));
+        }
+        match shared {
+            [false, true, true] => Relation::Neighbour(self.meet_over_edge(ray, other, &shared, 0, largest)),
+            [true, false, true] => Relation::Neighbour(self.meet_over_edge(ray, other, &shared, 1, largest)),
+            [true, true, false] => Relation::Neighbour(self.meet_over_edge(ray, other, &shared, 2, largest)),
+            _ => Relation::Stranger,
+        }
+    }
+
+    /// The ordinary test, but that the side on which the ray passes a shared edge is that of the true start where it is in doubt.
+    /// `apex` is the vertex that isn't shared.
+    fn meet_over_edge(
+        &self,
+        ray: &Prepared,
+        other: &[[f64; 3]; 3],
+        shared: &[bool; 3],
+        apex: usize,
+        largest: [f64; 3],
+    ) -> Option<TriangleHit> {
+        let mut sheared = Sheared::new(ray, other);
+        let reach = largest.into_iter().chain(ray.origin.map(f64::abs)).fold(0.0, f64::max);
+        if sheared.weights[apex].abs() <= sheared.doubt(apex, RADIUS * reach) {
+            let (p, q) = ((apex + 1) % 3, (apex + 2) % 3);
+            // Sheared, d is the z axis: (p × q)·d = d_z (p × q)_z, which the weights have with the opposite sign.
+            sheared.weights[apex] = -self.edge(ray, other, shared, p, q) / ray.direction[ray.kz];
+        }
+        if !sheared.is_crossed() {
+            return None;
+        }
+        let t = meet_plane(ray, other)?;
+        Some(TriangleHit { t, weights: sheared.weights })
     }
 
     /// Whether a triangle lies in the plane of this one: no ray that has left the plane comes back to it.
@@ -94,33 +132,31 @@ impl Start {
         })
     }
 
-    /// `anchor` is a vertex of the other triangle that is shared.
-    fn meet_neighbour(
+    /// Meets a triangle whose plane holds the start to within rounding.
+    fn meet_at_start(
         &self,
         ray: &Prepared,
         other: &[[f64; 3]; 3],
         shared: &[bool; 3],
-        anchor: usize,
-        normal: [f64; 3],
-        spread: [f64; 3],
+        plane: &Plane,
     ) -> Option<TriangleHit> {
         // n·(o − x), which is 0 for each vertex in the plane.
         let mut above = 0.0;
         for (vertex, weight) in self.vertices.iter().zip(self.weights) {
-            let from = sub(*vertex, other[anchor]);
-            let height = dot(normal, from);
-            if !other.contains(vertex) && height.abs() > COPLANAR * dot(spread, from.map(f64::abs)) {
+            let from = sub(*vertex, other[plane.anchor]);
+            let height = dot(plane.normal, from);
+            if !other.contains(vertex) && height.abs() > COPLANAR * dot(plane.spread, from.map(f64::abs)) {
                 above += weight * height;
             }
         }
-        let along = dot(normal, ray.direction);
+        let along = dot(plane.normal, ray.direction);
         let t = -above / along;
         // Also NaN: in the plane, and along it.
         if !(t > 0.0 && t < f64::INFINITY) {
             return None;
         }
-        let sign = along.signum();
-        let weights = [(1, 2), (2, 0), (0, 1)].map(|(p, q)| sign * self.edge(ray, other, shared, p, q));
+        let weights =
+            [(1, 2), (2, 0), (0, 1)].map(|(p, q)| along.signum() * self.edge(ray, other, shared, p, q));
         if weights.iter().any(|&weight| weight < 0.0) {
             return None;
         }
@@ -128,26 +164,41 @@ impl Start {
         Some(TriangleHit { t: clamp_to_slabs(ray, other, t).max(0.0), weights })
     }
 
-    /// d · ((p − o) × (q − o)) for an edge of the other triangle: on which side of it the ray passes.
+    /// d · ((p − o) × (q − o)) for an edge of the other triangle: on which side of it the ray passes. Of the same edge the other way round exactly the negative.
     fn edge(&self, ray: &Prepared, other: &[[f64; 3]; 3], shared: &[bool; 3], p: usize, q: usize) -> f64 {
-        let turn = |a: [f64; 3], b: [f64; 3]| dot(ray.direction, cross(a, b));
         let (from, to) = (other[p], other[q]);
-        let origin = match (shared[p], shared[q]) {
-            (false, false) => return turn(sub(from, ray.origin), sub(to, ray.origin)),
-            (true, _) => from,
-            (false, true) => to,
-        };
         let side = sub(to, from);
-        let parts = self.vertices.iter().zip(self.weights);
+        // Any point of the edge will do, the same both ways.
+        let base = match (shared[p], shared[q]) {
+            // Far from the start: as the ordinary test of the triangle behind the edge.
+            (false, false) => {
+                return -ray.direction[ray.kz] * Sheared::new(ray, other).weights[3 - p - q];
+            }
+            (true, false) => from,
+            (false, true) => to,
+            (true, true) if from < to => from,
+            (true, true) => to,
+        };
         // (p − o) × (q − o) = (x − o) × (q − p) for any point x of the edge; the edge's own vertices give 0.
-        parts.fold(0.0, |sum, (vertex, weight)| {
+        self.vertices.iter().zip(self.weights).fold(0.0, |sum, (vertex, weight)| {
             if *vertex == from || *vertex == to {
                 sum
             } else {
-                sum - weight * turn(sub(*vertex, origin), side)
+                sum - weight * dot(ray.direction, cross(sub(*vertex, base), side))
             }
         })
     }
+}
+
+/// The plane of a triangle that shares the vertex `anchor` with the start.
+struct Plane {
+    normal: [f64; 3],
+    spread: [f64; 3],
+    anchor: usize,
+}
+
+fn largest_on_axes(at_least: [f64; 3], vertices: &[[f64; 3]; 3]) -> [f64; 3] {
+    vertices.iter().fold(at_least, |m, v| std::array::from_fn(|axis| m[axis].max(v[axis].abs())))
 }
 
 /// For each component of e1 × e2 the sum of its two products' magnitudes.

@@ -22,40 +22,77 @@ pub struct TriangleHit {
     pub weights: [f64; 3],
 }
 
+/// The triangle as the ray sees it: sheared so that the ray is the z axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sheared {
+    x: [f64; 3],
+    y: [f64; 3],
+    /// The edge functions opposite to each vertex; of one sign where the ray passes through.
+    pub weights: [f64; 3],
+}
+
+impl Sheared {
+    #[inline]
+    pub fn new(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Self {
+        let (kx, ky, kz) = (ray.kx, ray.ky, ray.kz);
+        let [a, b, c] = vertices.map(|v| sub(v, ray.origin));
+        let (ax, ay) = (a[kx] - ray.shear_x * a[kz], a[ky] - ray.shear_y * a[kz]);
+        let (bx, by) = (b[kx] - ray.shear_x * b[kz], b[ky] - ray.shear_y * b[kz]);
+        let (cx, cy) = (c[kx] - ray.shear_x * c[kz], c[ky] - ray.shear_y * c[kz]);
+        let u = cx * by - cy * bx;
+        let v = ax * cy - ay * cx;
+        let w = bx * ay - by * ax;
+        Sheared { x: [ax, bx, cx], y: [ay, by, cy], weights: [u, v, w] }
+    }
+
+    /// How far the weight opposite to a vertex can be off for coordinates that are off by `aside` each.
+    pub fn doubt(&self, vertex: usize, aside: f64) -> f64 {
+        let (p, q) = ((vertex + 1) % 3, (vertex + 2) % 3);
+        2.0 * aside * ((self.x[q] - self.x[p]).abs() + (self.y[q] - self.y[p]).abs())
+    }
+
+    /// Whether the ray passes through, edges and corners included.
+    #[inline]
+    pub fn is_crossed(&self) -> bool {
+        let [u, v, w] = self.weights;
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return false;
+        }
+        // A computed sign is right or 0, as rounding keeps the order of the two products. Where it is 0 the box of the sheared vertices,
+        // which holds whatever they enclose, tells what is far away: a triangle smaller than the rounding of v − o has only zeros.
+        !((u == 0.0 || v == 0.0 || w == 0.0) && (excludes_zero(self.x) || excludes_zero(self.y)))
+    }
+}
+
 /// Meets the whole line of the ray; the caller checks the range of t.
 ///
 /// A ray in the triangle's plane misses it. `vertices` are exact f32 values.
 #[inline]
 pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit> {
-    let (kx, ky, kz) = (ray.kx, ray.ky, ray.kz);
-    let [a, b, c] = vertices.map(|v| sub(v, ray.origin));
-    let (ax, ay) = (a[kx] - ray.shear_x * a[kz], a[ky] - ray.shear_y * a[kz]);
-    let (bx, by) = (b[kx] - ray.shear_x * b[kz], b[ky] - ray.shear_y * b[kz]);
-    let (cx, cy) = (c[kx] - ray.shear_x * c[kz], c[ky] - ray.shear_y * c[kz]);
-    let u = cx * by - cy * bx;
-    let v = ax * cy - ay * cx;
-    let w = bx * ay - by * ax;
-    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+    let sheared = Sheared::new(ray, vertices);
+    if !sheared.is_crossed() {
         return None;
     }
-    // A computed sign is right or 0, as rounding keeps the order of the two products. Where it is 0 the box of the sheared vertices,
-    // which holds whatever they enclose, tells what is far away: a triangle smaller than the rounding of v − o has only zeros.
-    if (u == 0.0 || v == 0.0 || w == 0.0) && (excludes_zero([ax, bx, cx]) || excludes_zero([ay, by, cy])) {
-        return None;
-    }
+    let t = meet_plane(ray, vertices)?;
+    Some(TriangleHit { t, weights: sheared.weights })
+}
+
+/// Where the ray meets the plane of a triangle that it passes through.
+#[inline]
+pub(super) fn meet_plane(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<f64> {
     let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
     let n = cross(e1, e2);
     let along = dot(n, ray.direction);
     if along == 0.0 {
         return None;
     }
-    let mut t = dot(n, a) / along;
     // Written so that NaN, from products beyond f64's range, is clamped too.
     let upright = along.abs() > GRAZING * (norm1(e1) * norm1(e2));
-    if !upright {
-        t = clamp_to_slabs(ray, vertices, grazing_t(ray, vertices));
-    }
-    Some(TriangleHit { t, weights: [u, v, w] })
+    Some(if upright {
+        dot(n, sub(vertices[0], ray.origin)) / along
+    } else {
+        clamp_to_slabs(ray, vertices, grazing_t(ray, vertices))
+    })
 }
 
 /// Whether all three lie on the same side of 0.
