@@ -81,30 +81,32 @@ impl Court {
     ///
     /// The ray's truth is that of a ray from the exact point; next to an edge or vertex that of rays from a little inside the triangle.
     pub fn judge_spawned(&self, start: u32, uv: [f64; 2], direction: DVec3, found: Found) -> Judged {
-        let (center, inner) = self.samples(start, uv, direction);
+        let Samples { center, inner, closer } = self.samples(start, uv, direction);
         let aside = |slack: f64| Aside { slack, start: Some(start) };
         let at_center = self.compare(&center, &aside(0.0), found);
         if inner.is_empty() {
             return self.conclude(&center, &aside(0.0), at_center, &[], start, found);
         }
         // Next to the border the point itself may stand for it, or any point a little inside.
-        let stages: Vec<Stage> =
-            inner.iter().map(|(ray, slack)| self.compare(ray, &aside(*slack), found)).collect();
-        if stages.iter().all(|stage| matches!(stage, Stage::Right(_))) {
+        let is_right = |stage: &Stage| matches!(stage, Stage::Right(_));
+        let compare = |(ray, slack): &(ExactRay, f64)| self.compare(ray, &aside(*slack), found);
+        let stages: Vec<Stage> = inner.iter().map(compare).collect();
+        if stages.iter().all(is_right) {
             return Judged { verdict: Verdict::Right, error: None };
         }
-        let open = |stage: &Stage| matches!(stage, Stage::Right(_) | Stage::Open);
         let own = self.referee.meeting(&center, start, self.referee.aside(&center));
-        let verdict = if matches!(at_center, Stage::Right(_))
-            || stages.iter().any(|stage| matches!(stage, Stage::Right(_)))
+        let verdict = if is_right(&at_center)
+            || stages.iter().any(is_right)
             || own.is_none_or(|own| own.level)
+            || closer.iter().any(|sample| is_right(&compare(sample)))
         {
             Verdict::TooClose
         } else if self.is_self_hit(&center, &inner, start, found) {
             Verdict::SelfHit
         } else if inner.iter().all(|(ray, slack)| self.tunnels(ray, *slack, start, found)) {
             self.late(found, false)
-        } else if stages.iter().any(open) || open(&at_center) {
+        } else if matches!(at_center, Stage::Open) || stages.iter().any(|stage| matches!(stage, Stage::Open))
+        {
             Verdict::TooClose
         } else {
             return self.conclude(&center, &aside(0.0), at_center, &inner, start, found);
@@ -243,8 +245,8 @@ impl Court {
         own.iter().any(|v| other.contains(v)) || coplanar(&own, &other)
     }
 
-    /// The exact ray from the start, and next to the triangle's border rays from a little inside, each with its distance from the start.
-    fn samples(&self, start: u32, [u, v]: [f64; 2], direction: DVec3) -> (ExactRay, Vec<(ExactRay, f64)>) {
+    /// The exact rays whose answers a ray that starts here may give.
+    fn samples(&self, start: u32, [u, v]: [f64; 2], direction: DVec3) -> Samples {
         let vertices = self.referee.triangles[start as usize];
         let corners = vertices.map(|v| exact(v.map(f64::from)));
         let weights = {
@@ -256,61 +258,70 @@ impl Court {
                 std::array::from_fn(|k| std::array::from_fn(|axis| corners[k][axis].times(&weights[k])));
             dyadic::plus(&dyadic::plus(&parts[0], &parts[1]), &parts[2])
         };
-        let point = ExactRay::new(at(&weights), direction);
-        let bound = self.referee.aside(&point);
+        let center = ExactRay::new(at(&weights), direction);
+        let bound = self.referee.aside(&center);
         let [a, b, c] = vertices.map(|v| DVec3::from(v.map(f64::from)));
         let sides = [(c - b).length(), (a - c).length(), (b - a).length()];
         let heights = sides.map(|side| (b - a).cross(c - a).length() / side);
+        let mut samples = Samples { center, inner: Vec::new(), closer: Vec::new() };
         if (0..3).all(|k| weights[k].approximate() * heights[k] > 8.0 * bound) {
-            return (point, Vec::new());
+            return samples;
         }
-        // Weights of points inside, in eighths, all around.
-        const INSIDE: [[f64; 3]; 6] = [
-            [2.0, 3.0, 3.0],
-            [3.0, 2.0, 3.0],
-            [3.0, 3.0, 2.0],
-            [6.0, 1.0, 1.0],
-            [1.0, 6.0, 1.0],
-            [1.0, 1.0, 6.0],
-        ];
+
+        // Far enough inside that rounding can't reach the border from there, if the triangle is large enough for that.
         let lowest = heights[0].min(heights[1]).min(heights[2]);
         let mut step = 0.25;
         while step > 1e-12 && step * lowest > 512.0 * bound {
             step *= 0.5;
         }
         let longest = sides[0].max(sides[1]).max(sides[2]);
-        let mut inner = Vec::with_capacity(2 * INSIDE.len());
-        for inside in INSIDE {
-            // Equally far from all sides, and equally far between the corners.
-            let by_height = {
-                let parts: [f64; 3] = std::array::from_fn(|k| inside[k] / heights[k]);
-                let sum = parts[0] + parts[1] + parts[2];
-                // In whole 2^-40: their sum is 1 exactly.
-                let whole =
-                    |part: f64| ((part / sum * 1_099_511_627_776.0).floor() + 1.0) / 1_099_511_627_776.0;
-                let [a, b, c] = parts.map(whole);
-                if heights[0] >= heights[1] && heights[0] >= heights[2] {
-                    [a, b, 1.0 - a - b]
-                } else if heights[1] >= heights[2] {
-                    [1.0 - b - c, b, c]
-                } else {
-                    [a, 1.0 - a - c, c]
+        let sample = |inside: [f64; 3], step: f64| {
+            let moved: [Dyadic; 3] = std::array::from_fn(|k| {
+                let towards = Dyadic::new(step).times(&Dyadic::new(inside[k]));
+                weights[k].times(&Dyadic::new(1.0 - step)).plus(&towards)
+            });
+            (ExactRay::new(at(&moved), direction), step * longest)
+        };
+        const TINY: f64 = 1.0 / (1u64 << 50) as f64;
+        for shares in [[2.0, 3.0, 3.0], [6.0, 1.0, 1.0]] {
+            for turn in 0..3 {
+                let shares: [f64; 3] = std::array::from_fn(|k| shares[(k + turn) % 3]);
+                let by_height = std::array::from_fn(|k| shares[k] / heights[k]);
+                for inside in [whole(shares), whole(by_height)] {
+                    samples.inner.push(sample(inside, step));
+                    samples.closer.push(sample(inside, TINY));
                 }
-            };
-            for inside in [inside.map(|part| 0.125 * part), by_height] {
-                if inside.iter().any(|&part| !(part > 0.0)) {
-                    continue;
-                }
-                let moved: [Dyadic; 3] = std::array::from_fn(|k| {
-                    weights[k]
-                        .times(&Dyadic::new(1.0 - step))
-                        .plus(&Dyadic::new(step).times(&Dyadic::new(inside[k])))
-                });
-                inner.push((ExactRay::new(at(&moved), direction), step * longest));
             }
         }
-        (point, inner)
+        // Nearly along the sides, too.
+        for shares in [[1e4, 1.0, 1.0], [1.0, 1e4, 1e4]] {
+            for turn in 0..3 {
+                let by_height = std::array::from_fn(|k| shares[(k + turn) % 3] / heights[k]);
+                samples.closer.extend([step, TINY].map(|step| sample(whole(by_height), step)));
+            }
+        }
+        samples
     }
+}
+
+/// What a ray that starts on a triangle is judged by.
+struct Samples {
+    /// From the start itself.
+    center: ExactRay,
+    /// Next to the triangle's border also from a little inside it, each with a bound of its distance from the start.
+    inner: Vec<(ExactRay, f64)>,
+    /// More of them, nearer to the start and to the border, whose answers are as good.
+    closer: Vec<(ExactRay, f64)>,
+}
+
+/// Positive weights in this ratio, in whole 2^-40, so that their sum is exactly 1.
+fn whole(shares: [f64; 3]) -> [f64; 3] {
+    const UNITS: f64 = (1u64 << 40) as f64;
+    let sum = shares[0] + shares[1] + shares[2];
+    let mut parts = shares.map(|share| ((share / sum * UNITS).floor() + 1.0) / UNITS);
+    let last = (0..3).max_by(|&a, &b| parts[a].total_cmp(&parts[b])).unwrap_or(0);
+    parts[last] = 1.0 - parts[(last + 1) % 3] - parts[(last + 2) % 3];
+    parts
 }
 
 /// How an exact ray stands to the one that the tracer was given.

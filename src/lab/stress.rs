@@ -158,34 +158,6 @@ impl<'a> Bench<'a> {
                     .map(|c| c.times(&Dyadic::new(frame.scale))),
                 direction,
             );
-            if std::env::var_os("DBG").is_some() {
-                //DBG
-                let j = self.court.judge(&ray, found(&answer)); //DBG
-                if !matches!(j.verdict, super::judge::Verdict::Right | super::judge::Verdict::TooClose) {
-                    //DBG
-                    eprintln!(
-                        "FREE {:?} {:?} {index} o {:?} d {:?} ans {:?}\n   {:?}",
-                        j.verdict,
-                        aim,
-                        record.origin,
-                        record.direction,
-                        answer,
-                        self.court
-                            .referee
-                            .meetings(&ray)
-                            .iter()
-                            .map(|m| (
-                                m.primitive,
-                                m.met,
-                                m.surely,
-                                m.t,
-                                m.uncertainty(),
-                                self.scene.surfaces.triangle(m.primitive)
-                            ))
-                            .collect::<Vec<_>>()
-                    ); //DBG
-                } //DBG
-            } //DBG
             return (
                 self.court.judge(&ray, found(&answer)),
                 differs(tracers, &record.ray(), &answer, &mut dice),
@@ -200,33 +172,6 @@ impl<'a> Bench<'a> {
         let mut judged = self.court.judge_spawned(answer.primitive, uv, onward, found(&second));
         // The rounding of the start is in it: no measure of how exactly t is found.
         judged.error = None;
-        if std::env::var_os("DBG").is_some()
-            && !matches!(judged.verdict, super::judge::Verdict::Right | super::judge::Verdict::TooClose)
-        {
-            //DBG
-            let tri = |id: u32| if id == u32::MAX { [[0.0; 3]; 3] } else { self.scene.surfaces.triangle(id) }; //DBG
-            eprintln!(
-                "SPAWN {:?} {:?} {index} from {:?} uv {uv:?} d {:?} start {} {:?} ans {:?} {:?}",
-                judged.verdict,
-                aim,
-                record.origin,
-                onward,
-                answer.primitive,
-                tri(answer.primitive),
-                second,
-                tri(second.primitive)
-            ); //DBG
-            let ray = ExactRay::plain(hit.position, onward); //DBG
-            eprintln!(
-                "   {:?}",
-                self.court
-                    .referee
-                    .meetings(&ray)
-                    .iter()
-                    .map(|m| (m.primitive, m.met, m.surely, m.t, m.uncertainty()))
-                    .collect::<Vec<_>>()
-            ); //DBG
-        } //DBG
         (judged, differs(tracers, &record.ray(), &second, &mut dice))
     }
 }
