@@ -46,12 +46,12 @@ impl Dice {
         let mut dice = Dice(0x243f_6a88_85a3_08d3);
         for word in words {
             dice.0 = dice.0.wrapping_add(word);
-            dice.0 = dice.next();
+            dice.0 = dice.draw();
         }
         dice
     }
 
-    pub fn next(&mut self) -> u64 {
+    fn draw(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -61,7 +61,7 @@ impl Dice {
 
     /// In [0, 1).
     pub fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
+        (self.draw() >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
     }
 
     /// In [-1, 1).
@@ -71,7 +71,7 @@ impl Dice {
 
     /// In 0 .. n.
     pub fn below(&mut self, n: usize) -> usize {
-        ((u128::from(self.next()) * n as u128) >> 64) as usize
+        ((u128::from(self.draw()) * n as u128) >> 64) as usize
     }
 
     /// A point of the unit sphere.
@@ -133,7 +133,7 @@ impl<'a> Target<'a> {
             Aim::FarInterior => self.towards(self.outside(dice, 2e6), self.inner_point(dice)),
         };
         let largest = direction.abs().max_element();
-        if !(largest > 0.0) {
+        if largest == 0.0 {
             return (origin, dice.direction());
         }
         // As cameras do, as differences of points come, or of any length.

@@ -3,7 +3,8 @@
 
 use glam::DVec3;
 
-use super::dyadic::{self, Dyadic, Exact3, exact};
+use super::dyadic::{self, exact};
+use super::footing::Footing;
 use super::referee::{ExactRay, Meeting, Referee};
 
 /// What a tracer found: primitive and t, or nothing.
@@ -81,14 +82,17 @@ impl Court {
     ///
     /// The ray's truth is that of a ray from the exact point; next to an edge or vertex that of rays from a little inside the triangle.
     pub fn judge_spawned(&self, start: u32, uv: [f64; 2], direction: DVec3, found: Found) -> Judged {
-        let Samples { center, inner, closer } = self.samples(start, uv, direction);
+        let footing = Footing::new(&self.referee, start, uv, direction);
+        let center = footing.center();
         let aside = |slack: f64| Aside { slack, start: Some(start) };
         let at_center = self.compare(&center, &aside(0.0), found);
-        if inner.is_empty() {
+        let bound = self.referee.aside(&center);
+        if footing.is_clear(bound) {
             return self.conclude(&center, &aside(0.0), at_center, &[], start, found);
         }
         // Next to the border the point itself may stand for it, or any point a little inside.
         let is_right = |stage: &Stage| matches!(stage, Stage::Right(_));
+        let inner = footing.inner(bound);
         let compare = |(ray, slack): &(ExactRay, f64)| self.compare(ray, &aside(*slack), found);
         let stages: Vec<Stage> = inner.iter().map(compare).collect();
         if stages.iter().all(is_right) {
@@ -98,7 +102,7 @@ impl Court {
         let verdict = if is_right(&at_center)
             || stages.iter().any(is_right)
             || own.is_none_or(|own| own.level)
-            || closer.iter().any(|sample| is_right(&compare(sample)))
+            || footing.closer(bound).any(|sample| is_right(&compare(&sample)))
         {
             Verdict::TooClose
         } else if self.is_self_hit(&center, &inner, start, found) {
@@ -244,84 +248,6 @@ impl Court {
         let [own, other] = [start, primitive].map(|id| self.referee.triangles[id as usize]);
         own.iter().any(|v| other.contains(v)) || coplanar(&own, &other)
     }
-
-    /// The exact rays whose answers a ray that starts here may give.
-    fn samples(&self, start: u32, [u, v]: [f64; 2], direction: DVec3) -> Samples {
-        let vertices = self.referee.triangles[start as usize];
-        let corners = vertices.map(|v| exact(v.map(f64::from)));
-        let weights = {
-            let [u, v] = [u, v].map(Dyadic::new);
-            [Dyadic::new(1.0).minus(&u).minus(&v), u, v]
-        };
-        let at = |weights: &[Dyadic; 3]| -> Exact3 {
-            let parts: [Exact3; 3] =
-                std::array::from_fn(|k| std::array::from_fn(|axis| corners[k][axis].times(&weights[k])));
-            dyadic::plus(&dyadic::plus(&parts[0], &parts[1]), &parts[2])
-        };
-        let center = ExactRay::new(at(&weights), direction);
-        let bound = self.referee.aside(&center);
-        let [a, b, c] = vertices.map(|v| DVec3::from(v.map(f64::from)));
-        let sides = [(c - b).length(), (a - c).length(), (b - a).length()];
-        let heights = sides.map(|side| (b - a).cross(c - a).length() / side);
-        let mut samples = Samples { center, inner: Vec::new(), closer: Vec::new() };
-        if (0..3).all(|k| weights[k].approximate() * heights[k] > 8.0 * bound) {
-            return samples;
-        }
-
-        // Far enough inside that rounding can't reach the border from there, if the triangle is large enough for that.
-        let lowest = heights[0].min(heights[1]).min(heights[2]);
-        let mut step = 0.25;
-        while step > 1e-12 && step * lowest > 512.0 * bound {
-            step *= 0.5;
-        }
-        let longest = sides[0].max(sides[1]).max(sides[2]);
-        let sample = |inside: [f64; 3], step: f64| {
-            let moved: [Dyadic; 3] = std::array::from_fn(|k| {
-                let towards = Dyadic::new(step).times(&Dyadic::new(inside[k]));
-                weights[k].times(&Dyadic::new(1.0 - step)).plus(&towards)
-            });
-            (ExactRay::new(at(&moved), direction), step * longest)
-        };
-        const TINY: f64 = 1.0 / (1u64 << 50) as f64;
-        for shares in [[2.0, 3.0, 3.0], [6.0, 1.0, 1.0]] {
-            for turn in 0..3 {
-                let shares: [f64; 3] = std::array::from_fn(|k| shares[(k + turn) % 3]);
-                let by_height = std::array::from_fn(|k| shares[k] / heights[k]);
-                for inside in [whole(shares), whole(by_height)] {
-                    samples.inner.push(sample(inside, step));
-                    samples.closer.push(sample(inside, TINY));
-                }
-            }
-        }
-        // Nearly along the sides, too.
-        for shares in [[1e4, 1.0, 1.0], [1.0, 1e4, 1e4]] {
-            for turn in 0..3 {
-                let by_height = std::array::from_fn(|k| shares[(k + turn) % 3] / heights[k]);
-                samples.closer.extend([step, TINY].map(|step| sample(whole(by_height), step)));
-            }
-        }
-        samples
-    }
-}
-
-/// What a ray that starts on a triangle is judged by.
-struct Samples {
-    /// From the start itself.
-    center: ExactRay,
-    /// Next to the triangle's border also from a little inside it, each with a bound of its distance from the start.
-    inner: Vec<(ExactRay, f64)>,
-    /// More of them, nearer to the start and to the border, whose answers are as good.
-    closer: Vec<(ExactRay, f64)>,
-}
-
-/// Positive weights in this ratio, in whole 2^-40, so that their sum is exactly 1.
-fn whole(shares: [f64; 3]) -> [f64; 3] {
-    const UNITS: f64 = (1u64 << 40) as f64;
-    let sum = shares[0] + shares[1] + shares[2];
-    let mut parts = shares.map(|share| ((share / sum * UNITS).floor() + 1.0) / UNITS);
-    let last = (0..3).max_by(|&a, &b| parts[a].total_cmp(&parts[b])).unwrap_or(0);
-    parts[last] = 1.0 - parts[(last + 1) % 3] - parts[(last + 2) % 3];
-    parts
 }
 
 /// How an exact ray stands to the one that the tracer was given.

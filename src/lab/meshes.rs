@@ -144,7 +144,7 @@ fn slivers() -> Soup {
     for i in 0..corners {
         let [a, b] = [i, (i + 1) % corners];
         let [c, d] = [a + corners, b + corners];
-        soup.triangles.extend([[a, c, b], [b, c, d], [tips[0], a, b], [tips[1], d, c]]);
+        soup.triangles.extend([[a, b, c], [b, d, c], [tips[0], b, a], [tips[1], c, d]]);
     }
     soup
 }

@@ -2,6 +2,7 @@
 
 pub mod aim;
 pub mod dyadic;
+mod footing;
 pub mod judge;
 pub mod meshes;
 pub mod referee;

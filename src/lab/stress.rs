@@ -199,9 +199,9 @@ pub fn run(
         .collect();
     let tracers: Vec<&dyn Tracer> = structures.iter().map(|structure| structure as &dyn Tracer).collect();
     let chunks = rays.div_ceil(CHUNK);
-    Ok((rank as u64..chunks)
+    Ok((0..chunks)
         .into_par_iter()
-        .filter(|chunk| (chunk - rank as u64) % size as u64 == 0)
+        .filter(|chunk| chunk % size as u64 == rank as u64)
         .map(|chunk| {
             let indices = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
             bench.run(&tracers, plan.seed, number as u64, indices)

@@ -138,7 +138,7 @@ mod tests {
         assert_eq!(spread.quantile(0.5), 0.0);
         (1..=1000).for_each(|k| spread.add(f64::from(k) / 8.0));
         for part in [0.1, 0.5, 0.999] {
-            let exact = (1000.0 * part as f64).ceil() / 8.0;
+            let exact = f64::ceil(1000.0 * part) / 8.0;
             let limit = spread.quantile(part);
             assert!(limit >= exact && limit <= exact * 1.13, "{part}: {limit} for {exact}");
         }
