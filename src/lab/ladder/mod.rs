@@ -55,7 +55,7 @@ pub fn run(rays: u64, seed: u64, picture: Option<&Path>) -> Result<LadderTable> 
 
 /// Nanoseconds for each of the `tests` tests of a block: the median of several blocks, so that a busy machine hardly matters.
 fn time_blocks(tests: usize, mut block: impl FnMut() -> f64) -> f64 {
-    const BLOCKS: usize = 9;
+    const BLOCKS: usize = 31;
     let mut times: Vec<Duration> = (0..BLOCKS)
         .map(|_| {
             let start = Instant::now();
