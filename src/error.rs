@@ -35,6 +35,10 @@ pub enum Error {
     #[error("{0}")]
     Differs(String),
 
+    /// The tracer was found to be wrong.
+    #[error("{0}")]
+    Inexact(String),
+
     /// The launcher, the MPI library and this build don't fit together, or a message broke.
     #[error("{what}; {mend}")]
     Launch { what: String, mend: String },

@@ -5,6 +5,7 @@ mod info;
 mod manual;
 mod probe;
 mod render;
+mod stress;
 mod validate;
 
 use std::fmt::Display;
@@ -14,6 +15,7 @@ use std::process::ExitCode;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
+use serde::{Deserialize, Serialize};
 
 use crate::accel::Accel;
 use crate::cluster::{self, Comm, share};
@@ -44,10 +46,20 @@ enum Command {
     Compare(compare::Args),
     /// Trace the rays of a binary file against a mesh and write what they meet.
     Probe(probe::Args),
+    /// Try the tracer with aimed rays against exact arithmetic; exits with 1 if one answer is wrong.
+    Stress(stress::Args),
     /// Print a completion script for a shell.
     Completions(manual::CompletionArgs),
     /// Print the manual page, or write all pages into a folder.
     Man(manual::ManArgs),
+}
+
+/// Which commands all ranks run together; the others are rank 0's alone.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+enum Collective {
+    No,
+    Render,
+    Stress,
 }
 
 /// Runs the program; its exit code.
@@ -58,13 +70,29 @@ pub fn main() -> ExitCode {
 fn run(comm: &dyn Comm) -> Result<()> {
     // Rank 0 reads the flags; the others follow.
     let command = share::outcome(comm, parse)?;
-    let renders = share::computed(comm, || Ok(matches!(command, Some(Command::Render(_)))))?;
-    if renders {
-        let args = command.and_then(|command| match command {
-            Command::Render(args) => Some(*args),
-            _ => None,
-        });
-        return render::run(comm, args);
+    let collective = share::computed(comm, || {
+        Ok(match command {
+            Some(Command::Render(_)) => Collective::Render,
+            Some(Command::Stress(_)) => Collective::Stress,
+            _ => Collective::No,
+        })
+    })?;
+    match collective {
+        Collective::No => {}
+        Collective::Render => {
+            let args = command.and_then(|command| match command {
+                Command::Render(args) => Some(*args),
+                _ => None,
+            });
+            return render::run(comm, args);
+        }
+        Collective::Stress => {
+            let args = command.and_then(|command| match command {
+                Command::Stress(args) => Some(args),
+                _ => None,
+            });
+            return stress::run(comm, args);
+        }
     }
     share::outcome(comm, || match command {
         Some(Command::Info(args)) => info::run(&args),
@@ -73,7 +101,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Probe(args)) => probe::run(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
-        Some(Command::Render(_)) | None => Ok(()),
+        Some(Command::Render(_) | Command::Stress(_)) | None => Ok(()),
     })
 }
 

@@ -10,6 +10,7 @@ pub mod record;
 pub mod sphere;
 pub mod start;
 pub mod triangle;
+mod twofold;
 
 use glam::DVec3;
 

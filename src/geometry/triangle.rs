@@ -4,9 +4,10 @@
 //! sharing an edge compute the same number for it but for its sign: no ray passes between them. Distance: from the plane's
 //! equation, since interpolating it over a sliver's edge functions loses all digits.
 
+use super::twofold::Twofold;
 use super::{Prepared, cross, dot, norm1, sub};
 
-/// Where |n·d| is at most this times |e1|₁|e2|₁, t is clamped to the triangle's own slab interval.
+/// Where |n·d| is at most this times |e1|₁|e2|₁, t is computed with twice the digits and clamped to the triangle's own slab interval.
 ///
 /// Above it, t's error times |d| is below 2^-32 Q, with Q = |origin|∞ + max|vertex|∞: each component of n = e1 × e2 is off by at
 /// most 3u times its two products' magnitudes (u = 2^-53), so n·(v − o) and n·d are off by at most 16u |e1|₁|e2|₁ times Q and |d|∞ < 2; dividing by
@@ -21,50 +22,103 @@ pub struct TriangleHit {
     pub weights: [f64; 3],
 }
 
+/// The triangle as the ray sees it: sheared so that the ray is the z axis.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sheared {
+    x: [f64; 3],
+    y: [f64; 3],
+    /// The edge functions opposite to each vertex; of one sign where the ray passes through.
+    pub weights: [f64; 3],
+}
+
+impl Sheared {
+    #[inline]
+    pub fn new(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Self {
+        let (kx, ky, kz) = (ray.kx, ray.ky, ray.kz);
+        let [a, b, c] = vertices.map(|v| sub(v, ray.origin));
+        let (ax, ay) = (a[kx] - ray.shear_x * a[kz], a[ky] - ray.shear_y * a[kz]);
+        let (bx, by) = (b[kx] - ray.shear_x * b[kz], b[ky] - ray.shear_y * b[kz]);
+        let (cx, cy) = (c[kx] - ray.shear_x * c[kz], c[ky] - ray.shear_y * c[kz]);
+        let u = cx * by - cy * bx;
+        let v = ax * cy - ay * cx;
+        let w = bx * ay - by * ax;
+        Sheared { x: [ax, bx, cx], y: [ay, by, cy], weights: [u, v, w] }
+    }
+
+    /// How far the weight opposite to a vertex can be off for coordinates that are off by `aside` each.
+    pub fn doubt(&self, vertex: usize, aside: f64) -> f64 {
+        let (p, q) = ((vertex + 1) % 3, (vertex + 2) % 3);
+        2.0 * aside * ((self.x[q] - self.x[p]).abs() + (self.y[q] - self.y[p]).abs())
+    }
+
+    /// Whether the ray passes through, edges and corners included.
+    #[inline]
+    pub fn is_crossed(&self) -> bool {
+        let [u, v, w] = self.weights;
+        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+            return false;
+        }
+        // A computed sign is right or 0, as rounding keeps the order of the two products. Where it is 0 the box of the sheared vertices,
+        // which holds whatever they enclose, tells what is far away: a triangle smaller than the rounding of v − o has only zeros.
+        !((u == 0.0 || v == 0.0 || w == 0.0) && (excludes_zero(self.x) || excludes_zero(self.y)))
+    }
+}
+
 /// Meets the whole line of the ray; the caller checks the range of t.
 ///
 /// A ray in the triangle's plane misses it. `vertices` are exact f32 values.
 #[inline]
 pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit> {
-    let (kx, ky, kz) = (ray.kx, ray.ky, ray.kz);
-    let [a, b, c] = vertices.map(|v| sub(v, ray.origin));
-    let (ax, ay) = (a[kx] - ray.shear_x * a[kz], a[ky] - ray.shear_y * a[kz]);
-    let (bx, by) = (b[kx] - ray.shear_x * b[kz], b[ky] - ray.shear_y * b[kz]);
-    let (cx, cy) = (c[kx] - ray.shear_x * c[kz], c[ky] - ray.shear_y * c[kz]);
-    let u = cx * by - cy * bx;
-    let v = ax * cy - ay * cx;
-    let w = bx * ay - by * ax;
-    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+    let sheared = Sheared::new(ray, vertices);
+    if !sheared.is_crossed() {
         return None;
     }
-    // All zero: seen from here the corners lie on one line with the ray, or coincide. It passes between them or elsewhere on that line.
-    if u == 0.0 && v == 0.0 && w == 0.0 && !(surrounds(ax, bx, cx) && surrounds(ay, by, cy)) {
-        return None;
-    }
+    let t = meet_plane(ray, vertices)?;
+    Some(TriangleHit { t, weights: sheared.weights })
+}
+
+/// Where the ray meets the plane of a triangle that it passes through.
+#[inline]
+pub(super) fn meet_plane(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<f64> {
     let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
     let n = cross(e1, e2);
     let along = dot(n, ray.direction);
     if along == 0.0 {
         return None;
     }
-    let mut t = dot(n, a) / along;
     // Written so that NaN, from products beyond f64's range, is clamped too.
     let upright = along.abs() > GRAZING * (norm1(e1) * norm1(e2));
-    if !upright {
-        t = clamp_to_slabs(ray, vertices, t);
-    }
-    Some(TriangleHit { t, weights: [u, v, w] })
+    Some(if upright {
+        dot(n, sub(vertices[0], ray.origin)) / along
+    } else {
+        clamp_to_slabs(ray, vertices, grazing_t(ray, vertices))
+    })
 }
 
-/// Whether 0 lies between the least and the largest of the numbers.
-#[inline]
-fn surrounds(a: f64, b: f64, c: f64) -> bool {
-    a.min(b).min(c) <= 0.0 && a.max(b).max(c) >= 0.0
+/// Whether all three lie on the same side of 0.
+fn excludes_zero([a, b, c]: [f64; 3]) -> bool {
+    (a > 0.0 && b > 0.0 && c > 0.0) || (a < 0.0 && b < 0.0 && c < 0.0)
+}
+
+/// t of the plane with twice the digits: of a ray that nearly lies in the plane f64 would keep none.
+#[cold]
+fn grazing_t(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> f64 {
+    let difference = |p: [f64; 3], q: [f64; 3]| -> [Twofold; 3] {
+        std::array::from_fn(|axis| Twofold::difference(p[axis], q[axis]))
+    };
+    let dot = |p: &[Twofold; 3], q: &[Twofold; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+    let (e1, e2) = (difference(vertices[1], vertices[0]), difference(vertices[2], vertices[0]));
+    let normal: [Twofold; 3] = std::array::from_fn(|axis| {
+        let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+        e1[i] * e2[j] - e1[j] * e2[i]
+    });
+    let direction = ray.direction.map(Twofold::from);
+    dot(&normal, &difference(vertices[0], ray.origin)).ratio(dot(&normal, &direction))
 }
 
 /// Brings t into the interval in which the ray is inside the triangle's box.
 #[cold]
-fn clamp_to_slabs(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64) -> f64 {
+pub(super) fn clamp_to_slabs(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64) -> f64 {
     let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {
         let direction = ray.direction[axis];
@@ -154,6 +208,29 @@ mod tests {
             let hit = intersect(&prepared, &UNIT).expect("straight down");
             assert_eq!(hit.t * prepared.scale * length, 1.0, "2^{exponent}");
         }
+    }
+
+    #[test]
+    fn specks_are_met_only_by_rays_that_pass_them() {
+        for exponent in [-20, -60, -100] {
+            let size = libm::exp2(f64::from(exponent));
+            let speck = UNIT.map(|v| v.map(|c| c * size));
+            assert!(intersect(&ray([0.3, 0.4, 2.0], [0.1, 0.2, -1.0]), &speck).is_none(), "2^{exponent}");
+            assert!(
+                intersect(&ray([0.25, 0.5, 2.0], [-0.125, -0.25, -1.0]), &speck).is_some(),
+                "2^{exponent}"
+            );
+        }
+    }
+
+    #[test]
+    fn grazing_rays_are_met_where_the_plane_is() {
+        // z = (x + y) / 3 over a tilted triangle, and a ray that sinks by 2^-40 for each unit along it.
+        let tilted = [[0.0, 0.0, 0.0], [3.0, 0.0, 1.0], [0.0, 3.0, 1.0]];
+        let sink = libm::exp2(-40.0);
+        let prepared = ray([0.75, 0.75, 0.5 + sink], [3.0, -3.0, -4.0 * sink]);
+        let hit = intersect(&prepared, &tilted).expect("it sinks through");
+        assert_eq!(hit.t * prepared.scale, 0.25);
     }
 
     #[test]

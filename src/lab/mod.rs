@@ -1,3 +1,13 @@
-//! Experiments on the tracer itself. What is measured here is the renderer's own code, never a copy of it.
+//! Experiments on the renderer: what is claimed of it is tried here. What is measured is the renderer's own code, never a copy of it.
 
+pub mod aim;
+pub mod dyadic;
+mod footing;
+pub mod judge;
+pub mod ladder;
+pub mod meshes;
 pub mod probe;
+pub mod referee;
+mod spheres;
+pub mod stress;
+pub mod tally;

@@ -5,7 +5,7 @@
 
 mod phong;
 pub mod sampler;
-mod surface;
+pub mod surface;
 mod whitted;
 
 use crate::geometry::record::{Answer, RayRecord};

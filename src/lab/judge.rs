@@ -1,0 +1,281 @@
+//! Judges a tracer's answers by the referee. Where rounding to f64 leaves two answers open, either is right, and the ray is
+//! counted as too close to tell.
+
+use glam::DVec3;
+
+use super::dyadic::{self, exact};
+use super::footing::Footing;
+use super::referee::{ExactRay, Meeting, Referee};
+
+/// What a tracer found: primitive and t, or nothing.
+pub type Found = Option<(u32, f64)>;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Right,
+    /// The exact answer and the tracer's are both right within the bound of f64's rounding.
+    TooClose,
+    /// Nothing was found though the ray crosses a closed surface: it went through between triangles.
+    Leak,
+    /// Nothing was found though the ray meets the inside of a triangle.
+    Miss,
+    /// A surface in front of the one that was found was passed through.
+    Skipped,
+    /// What was found isn't there.
+    FalseHit,
+    /// A ray that starts on a surface met that surface again where it started.
+    SelfHit,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Judged {
+    pub verdict: Verdict,
+    /// Of a right answer the exact t, and the error of the tracer's.
+    pub error: Option<TError>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct TError {
+    pub t: f64,
+    pub error: f64,
+    /// The error over 2^-53 (|origin|∞ + |vertex|∞) / |direction|∞.
+    pub fine: f64,
+}
+
+/// How an answer compares with the exact one for a single exact ray.
+#[derive(Clone, Copy, Debug)]
+enum Stage {
+    Right(Option<TError>),
+    Open,
+    /// Behind a surface that is surely met.
+    Late,
+    /// Behind a surface that is met, though perhaps not by every ray within the bound.
+    PerhapsLate,
+    False,
+}
+
+/// A triangle mesh with its referee.
+#[derive(Debug)]
+pub struct Court {
+    pub referee: Referee,
+    /// Whether the surface has no border: only then can it leak.
+    pub closed: bool,
+}
+
+impl Court {
+    /// Judges the answer to a ray from anywhere.
+    pub fn judge(&self, ray: &ExactRay, found: Found) -> Judged {
+        let aside = Aside { slack: 0.0, start: None };
+        let verdict = match self.compare(ray, &aside, found) {
+            Stage::Right(error) => return Judged { verdict: Verdict::Right, error },
+            Stage::Open => Verdict::TooClose,
+            Stage::False => Verdict::FalseHit,
+            Stage::Late => self.late(found, true),
+            Stage::PerhapsLate if self.late_all_around(ray, &aside, found) => self.late(found, false),
+            Stage::PerhapsLate => Verdict::TooClose,
+        };
+        Judged { verdict, error: None }
+    }
+
+    /// Judges the answer to a ray that starts on a triangle, at the point of these barycentric weights of its second and third
+    /// vertex.
+    ///
+    /// The ray's truth is that of a ray from the exact point; next to an edge or vertex that of rays from a little inside the triangle.
+    pub fn judge_spawned(&self, start: u32, uv: [f64; 2], direction: DVec3, found: Found) -> Judged {
+        let footing = Footing::new(&self.referee, start, uv, direction);
+        let center = footing.center();
+        let aside = |slack: f64| Aside { slack, start: Some(start) };
+        let at_center = self.compare(&center, &aside(0.0), found);
+        let bound = self.referee.aside(&center);
+        if footing.is_clear(bound) {
+            return self.conclude(&center, &aside(0.0), at_center, &[], start, found);
+        }
+        // Next to the border the point itself may stand for it, or any point a little inside.
+        let is_right = |stage: &Stage| matches!(stage, Stage::Right(_));
+        let inner = footing.inner(bound);
+        let compare = |(ray, slack): &(ExactRay, f64)| self.compare(ray, &aside(*slack), found);
+        let stages: Vec<Stage> = inner.iter().map(compare).collect();
+        if stages.iter().all(is_right) {
+            return Judged { verdict: Verdict::Right, error: None };
+        }
+        let own = self.referee.meeting(&center, start, self.referee.aside(&center));
+        let verdict = if is_right(&at_center)
+            || stages.iter().any(is_right)
+            || own.is_none_or(|own| own.level)
+            || footing.closer(bound).any(|sample| is_right(&compare(&sample)))
+        {
+            Verdict::TooClose
+        } else if self.is_self_hit(&center, &inner, start, found) {
+            Verdict::SelfHit
+        } else if inner.iter().all(|(ray, slack)| self.tunnels(ray, *slack, start, found)) {
+            self.late(found, false)
+        } else if matches!(at_center, Stage::Open) || stages.iter().any(|stage| matches!(stage, Stage::Open))
+        {
+            Verdict::TooClose
+        } else {
+            return self.conclude(&center, &aside(0.0), at_center, &inner, start, found);
+        };
+        Judged { verdict, error: None }
+    }
+
+    /// The verdict of the exact ray from the start itself, where it is clear of the triangle's border or where all samples object, too.
+    fn conclude(
+        &self,
+        center: &ExactRay,
+        aside: &Aside,
+        stage: Stage,
+        inner: &[(ExactRay, f64)],
+        start: u32,
+        found: Found,
+    ) -> Judged {
+        let verdict = match stage {
+            Stage::Right(error) => return Judged { verdict: Verdict::Right, error },
+            _ if self.is_self_hit(center, inner, start, found) => Verdict::SelfHit,
+            Stage::Open => Verdict::TooClose,
+            Stage::False => Verdict::FalseHit,
+            Stage::Late if inner.is_empty() => self.late(found, true),
+            Stage::Late | Stage::PerhapsLate if self.late_all_around(center, aside, found) => {
+                self.late(found, matches!(stage, Stage::Late))
+            }
+            Stage::Late | Stage::PerhapsLate => Verdict::TooClose,
+        };
+        Judged { verdict, error: None }
+    }
+
+    /// Whether the ray, which starts `slack` from the true start, has passed through a surface right there: one that belongs to the start.
+    fn tunnels(&self, ray: &ExactRay, slack: f64, start: u32, found: Found) -> bool {
+        let aside = Aside { slack, start: Some(start) };
+        let t = found.map_or(f64::INFINITY, |(_, t)| t);
+        self.referee.meetings(ray).iter().any(|meeting| {
+            let reach = meeting.uncertainty() + slack * meeting.steepness;
+            aside.counts(meeting)
+                && !meeting.level
+                && !meeting.optional()
+                && meeting.t <= reach
+                && t > meeting.t + reach
+                && self.belongs(meeting.primitive, start)
+                && !aside.excludes(&self.referee, meeting)
+        })
+    }
+
+    fn late(&self, found: Found, surely: bool) -> Verdict {
+        match found {
+            Some(_) => Verdict::Skipped,
+            None if surely => Verdict::Miss,
+            None if self.closed => Verdict::Leak,
+            None => Verdict::TooClose,
+        }
+    }
+
+    fn compare(&self, ray: &ExactRay, aside: &Aside, found: Found) -> Stage {
+        let mut near = self.referee.meetings(ray);
+        near.retain(|meeting| !aside.excludes(&self.referee, meeting));
+        let ahead = || near.iter().filter(|meeting| aside.counts(meeting));
+        let first = ahead().min_by(|a, b| a.order(b));
+        let late = |t: f64| {
+            let before = |meeting: &&Meeting| {
+                !meeting.optional() && t > meeting.t + meeting.uncertainty() + aside.slack * meeting.steepness
+            };
+            match ahead().filter(before).map(|meeting| meeting.surely).reduce(|a, b| a || b) {
+                Some(true) => Stage::Late,
+                Some(false) => Stage::PerhapsLate,
+                None => Stage::Open,
+            }
+        };
+        let Some((primitive, t)) = found else {
+            return if first.is_none() { Stage::Right(None) } else { late(f64::INFINITY) };
+        };
+        let known = near.iter().find(|meeting| meeting.primitive == primitive).cloned();
+        let own = match known {
+            Some(own) => own,
+            None if aside.start == Some(primitive) => return Stage::False,
+            None => match self.referee.meeting(ray, primitive, aside.slack) {
+                Some(own) => own,
+                None => return Stage::False,
+            },
+        };
+        if !own.allows(t, aside.slack) {
+            return Stage::False;
+        }
+        match first {
+            Some(first) if aside.counts(&own) && first.order(&own).is_eq() => {
+                let error = (t - own.t).abs();
+                let fine = error * ray.length() / self.referee.unit(ray);
+                Stage::Right(Some(TError { t: own.t, error, fine }))
+            }
+            _ => late(t),
+        }
+    }
+
+    /// Whether the answer is late for all rays around this one.
+    fn late_all_around(&self, ray: &ExactRay, aside: &Aside, found: Found) -> bool {
+        ray.ring(self.referee.aside(ray)).all(|moved| {
+            let near = self.referee.meetings(&moved);
+            let t = found.map_or(f64::INFINITY, |(_, t)| t);
+            near.iter().any(|meeting| {
+                aside.counts(meeting)
+                    && !aside.excludes(&self.referee, meeting)
+                    && !meeting.optional()
+                    && t > meeting.t + meeting.uncertainty() + aside.slack * meeting.steepness
+            })
+        })
+    }
+
+    /// Whether the tracer met, at the start itself, a triangle that belongs to the start's surface and that none of the exact rays meets.
+    fn is_self_hit(&self, center: &ExactRay, inner: &[(ExactRay, f64)], start: u32, found: Found) -> bool {
+        let Some((primitive, t)) = found else { return false };
+        if primitive == start {
+            return true;
+        }
+        if !self.belongs(primitive, start) {
+            return false;
+        }
+        let coincident =
+            coplanar(&self.referee.triangles[start as usize], &self.referee.triangles[primitive as usize]);
+        let objects = |ray: &ExactRay, slack: f64| {
+            // How far rounding and the sample's own distance from the start can bring the plane.
+            let wide = 2.0 * slack + self.referee.aside(ray);
+            let at_start = t * ray.length() <= 8.0 * wide;
+            self.referee
+                .meeting(ray, primitive, wide)
+                .is_some_and(|own| !own.beyond_origin() && (coincident || (!own.level && at_start)))
+        };
+        objects(center, 0.0) && inner.iter().all(|(ray, slack)| objects(ray, *slack))
+    }
+
+    /// Whether two triangles share a vertex or a plane.
+    fn belongs(&self, primitive: u32, start: u32) -> bool {
+        let [own, other] = [start, primitive].map(|id| self.referee.triangles[id as usize]);
+        own.iter().any(|v| other.contains(v)) || coplanar(&own, &other)
+    }
+}
+
+/// How an exact ray stands to the one that the tracer was given.
+struct Aside {
+    /// Distance between their origins.
+    slack: f64,
+    /// The triangle that the ray starts on.
+    start: Option<u32>,
+}
+
+impl Aside {
+    /// Whether the triangle is the start itself or coincides with it.
+    fn excludes(&self, referee: &Referee, meeting: &Meeting) -> bool {
+        self.start.is_some_and(|start| {
+            let [own, other] = [start, meeting.primitive].map(|id| referee.triangles[id as usize]);
+            start == meeting.primitive || other.iter().all(|v| own.contains(v))
+        })
+    }
+
+    /// Whether the exact ray meets it; a surface at the very start of a ray is left, not met.
+    fn counts(&self, meeting: &Meeting) -> bool {
+        if self.start.is_some() { meeting.beyond_origin() } else { meeting.ahead() }
+    }
+}
+
+/// Whether all six vertices lie in one plane, exactly.
+fn coplanar(one: &[[f32; 3]; 3], other: &[[f32; 3]; 3]) -> bool {
+    let [a, b, c] = one.map(|v| exact(v.map(f64::from)));
+    let normal = dyadic::cross(&dyadic::minus(&b, &a), &dyadic::minus(&c, &a));
+    other.iter().all(|v| dyadic::dot(&normal, &dyadic::minus(&exact(v.map(f64::from)), &a)).sign() == 0)
+}
