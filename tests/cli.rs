@@ -327,3 +327,41 @@ fn nasty_models_render_or_are_refused() {
     println!("{rendered} rendered, {refused} refused");
     assert!(rendered > 50 && refused > 10, "{rendered} rendered, {refused} refused");
 }
+
+#[test]
+fn the_stress_test_counts_errors_in_a_table_and_as_json() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("flat.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let flags = ["stress", "--rays", "1e4", "--seed", "3", "--mesh", "flat.obj", "--json", "s.json"];
+    let output = heliostat(folder.path(), &flags);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let table = text(&output.stdout);
+    for row in ["icosphere", "star", "fans", "flat.obj", "moved 1e7", "scaled 1e-12", "all "] {
+        assert!(table.contains(row), "no {row} in {table}");
+    }
+    let json = std::fs::read_to_string(folder.path().join("s.json")).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["total"]["rays"], 10_000);
+    for column in ["leaks", "misses", "skipped", "false_hits", "self_hits", "differ"] {
+        assert_eq!(json["total"][column], 0, "{table}");
+    }
+}
+
+#[test]
+fn the_ladder_shows_what_digits_buy() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = heliostat(folder.path(), &["stress", "--ladder", "--rays", "3000", "--picture", "rungs"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("12 bits, t + 6 bits"));
+    assert!(folder.path().join("rungs/ladder-sheet.png").exists());
+}
+
+#[test]
+fn stress_refuses_what_it_cannot_do() {
+    refuses(&["stress", "--rays", "0"], 2, &["--rays", "1 to 1e15"]);
+    refuses(&["stress", "--rays", "many"], 2, &["--rays", "1e6"]);
+    refuses(&["stress", "--accel", "octree"], 2, &["--accel", "bvh"]);
+    refuses(&["stress", "--mesh", "none.obj"], 1, &["none.obj", "check the path"]);
+    refuses(&["stress", "--picture", "here"], 2, &["--ladder"]);
+    refuses(&["stress", "--only-mesh"], 2, &["--mesh"]);
+}

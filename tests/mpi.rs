@@ -92,15 +92,38 @@ fn compare_launches() {
         assert_eq!(found, alone, "with {ranks} ranks");
         println!("{ranks} ranks: {} images, each the same bytes as alone", found.len());
     }
+    let alone = stress(Command::new(HELIOSTAT));
+    let mut words = launcher();
+    words.args(["-n", "3", HELIOSTAT]);
+    assert_eq!(stress(words), alone);
+    println!("3 ranks: the stress test's counts as alone");
+}
+
+#[cfg(feature = "mpi")]
+const HELIOSTAT: &str = env!("CARGO_BIN_EXE_heliostat");
+
+/// The table of the stress test, but for the time it took.
+#[cfg(feature = "mpi")]
+fn stress(mut command: Command) -> String {
+    let output = command.args(["stress", "--rays", "20000", "--accel", "bvh"]).output().expect("it starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let table = String::from_utf8_lossy(&output.stdout);
+    table.lines().filter(|line| !line.starts_with("seed ")).collect::<Vec<_>>().join("\n")
+}
+
+#[cfg(feature = "mpi")]
+fn launcher() -> Command {
+    let launcher = std::env::var("HELIOSTAT_TEST_MPIRUN")
+        .expect("HELIOSTAT_TEST_MPIRUN holds the launcher's command; launch/test sets it");
+    let mut words = launcher.split_whitespace();
+    let mut command = Command::new(words.next().expect("a launcher"));
+    command.args(words);
+    command
 }
 
 #[cfg(feature = "mpi")]
 fn launch(ranks: usize) -> String {
-    let launcher = std::env::var("HELIOSTAT_TEST_MPIRUN")
-        .expect("HELIOSTAT_TEST_MPIRUN holds the launcher's command; launch/test sets it");
-    let mut words = launcher.split_whitespace();
-    let output = Command::new(words.next().expect("a launcher"))
-        .args(words)
+    let output = launcher()
         .args(["-n", &ranks.to_string()])
         .arg(std::env::current_exe().unwrap())
         .env(RANK_PROCESS, "1")

@@ -3,7 +3,7 @@
 use super::{LANES, Visitor};
 use crate::geometry::filter::{Block, FilterRay, round_up};
 use crate::geometry::record::Answer;
-use crate::geometry::start::{Relation, Start};
+use crate::geometry::start::Start;
 use crate::geometry::triangle::{self, TriangleHit};
 use crate::geometry::{NONE, Prepared, Ray, sphere};
 use crate::scene::Surfaces;
@@ -54,14 +54,12 @@ impl<'a> Tester<'a> {
             return;
         }
         let vertices = corners(self.surfaces, primitive);
-        let related = self.start_triangle.as_ref().map(|start| start.meet(&self.ray, &vertices));
-        let hit = match related {
-            Some(Relation::Neighbour(hit)) => hit,
-            Some(Relation::Stranger) | None => triangle::intersect(&self.ray, &vertices),
+        let hit = match &self.start_triangle {
+            None => triangle::intersect(&self.ray, &vertices),
+            Some(start) => start.meet(&self.ray, &vertices),
         };
         if let Some(hit) = hit
             && self.counts(hit.t, primitive)
-            && self.start_triangle.as_ref().is_none_or(|start| !start.is_level_with(&vertices))
         {
             self.t_best = hit.t;
             self.primitive = primitive;

@@ -4,7 +4,7 @@
 //! sharing an edge compute the same number for it but for its sign: no ray passes between them. Distance: from the plane's
 //! equation, since interpolating it over a sliver's edge functions loses all digits.
 
-use super::twofold::Twofold;
+use super::twofold::{Twofold, differences, twofold_cross, twofold_dot};
 use super::{Prepared, cross, dot, norm1, sub};
 
 /// Where |n·d| is at most this times |e1|₁|e2|₁, t is computed with twice the digits and clamped to the triangle's own slab interval.
@@ -51,16 +51,28 @@ impl Sheared {
         2.0 * aside * ((self.x[q] - self.x[p]).abs() + (self.y[q] - self.y[p]).abs())
     }
 
+    /// Whether no two weights have opposite signs.
+    #[inline]
+    pub fn has_one_sign(&self) -> bool {
+        let [u, v, w] = self.weights;
+        !((u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0))
+    }
+
     /// Whether the ray passes through, edges and corners included.
     #[inline]
     pub fn is_crossed(&self) -> bool {
-        let [u, v, w] = self.weights;
-        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+        if !self.has_one_sign() {
             return false;
         }
+        let [u, v, w] = self.weights;
         // A computed sign is right or 0, as rounding keeps the order of the two products. Where it is 0 the box of the sheared vertices,
         // which holds whatever they enclose, tells what is far away: a triangle smaller than the rounding of v − o has only zeros.
-        !((u == 0.0 || v == 0.0 || w == 0.0) && (excludes_zero(self.x) || excludes_zero(self.y)))
+        !((u == 0.0 || v == 0.0 || w == 0.0) && !self.is_within(0.0))
+    }
+
+    /// Whether the ray comes to within this distance of the box of the sheared vertices.
+    pub fn is_within(&self, aside: f64) -> bool {
+        !(excludes(self.x, aside) || excludes(self.y, aside))
     }
 }
 
@@ -95,40 +107,40 @@ pub(super) fn meet_plane(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<f64
     })
 }
 
-/// Whether all three lie on the same side of 0.
-fn excludes_zero([a, b, c]: [f64; 3]) -> bool {
-    (a > 0.0 && b > 0.0 && c > 0.0) || (a < 0.0 && b < 0.0 && c < 0.0)
+/// Whether all three lie on the same side of 0, farther from it than this.
+fn excludes([a, b, c]: [f64; 3], aside: f64) -> bool {
+    (a > aside && b > aside && c > aside) || (a < -aside && b < -aside && c < -aside)
 }
 
 /// t of the plane with twice the digits: of a ray that nearly lies in the plane f64 would keep none.
 #[cold]
 fn grazing_t(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> f64 {
-    let difference = |p: [f64; 3], q: [f64; 3]| -> [Twofold; 3] {
-        std::array::from_fn(|axis| Twofold::difference(p[axis], q[axis]))
-    };
-    let dot = |p: &[Twofold; 3], q: &[Twofold; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-    let (e1, e2) = (difference(vertices[1], vertices[0]), difference(vertices[2], vertices[0]));
-    let normal: [Twofold; 3] = std::array::from_fn(|axis| {
-        let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
-        e1[i] * e2[j] - e1[j] * e2[i]
-    });
+    let (e1, e2) = (differences(vertices[1], vertices[0]), differences(vertices[2], vertices[0]));
+    let normal = twofold_cross(&e1, &e2);
     let direction = ray.direction.map(Twofold::from);
-    dot(&normal, &difference(vertices[0], ray.origin)).ratio(dot(&normal, &direction))
+    twofold_dot(&normal, &differences(vertices[0], ray.origin)).ratio(twofold_dot(&normal, &direction))
 }
 
-/// Brings t into the interval in which the ray is inside the triangle's box.
+/// Brings t into the interval in which the ray is inside the triangle's box, as far as rounding lets it be.
+///
+/// The box is widened by what separates the computed line from the exact one (32 u Q, Q = |origin|∞ + max|vertex|∞, u = 2^-53): so the interval isn't empty, and it
+/// lies within those of all boxes that hold the triangle, which `bounds` pads by far more.
 #[cold]
 pub(super) fn clamp_to_slabs(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64) -> f64 {
+    let largest = |v: &[f64; 3]| v[0].abs().max(v[1].abs()).max(v[2].abs());
+    let reach = largest(&ray.origin) + vertices.iter().map(largest).fold(0.0, f64::max);
+    let wider = 32.0 * (f64::EPSILON / 2.0) * reach;
     let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {
         let direction = ray.direction[axis];
         if direction == 0.0 {
             continue;
         }
-        let at = |v: [f64; 3]| (v[axis] - ray.origin[axis]) / direction;
-        let (a, b, c) = (at(vertices[0]), at(vertices[1]), at(vertices[2]));
-        near = near.max(a.min(b).min(c));
-        far = far.min(a.max(b).max(c));
+        let [a, b, c] = vertices.map(|v| v[axis] - ray.origin[axis]);
+        let first = (a.min(b).min(c) - wider) / direction;
+        let last = (a.max(b).max(c) + wider) / direction;
+        near = near.max(first.min(last));
+        far = far.min(first.max(last));
     }
     t.max(near).min(far)
 }

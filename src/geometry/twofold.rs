@@ -37,6 +37,11 @@ impl Twofold {
         Twofold { high, low: ((a1 * b1 - high) + a1 * b2 + a2 * b1) + a2 * b2 }
     }
 
+    /// Rounded to f64.
+    pub fn value(self) -> f64 {
+        self.high + self.low
+    }
+
     /// self / other, rounded to f64.
     pub fn ratio(self, other: Twofold) -> f64 {
         let first = self.high / other.high;
@@ -71,6 +76,22 @@ impl Mul for Twofold {
         let cross = self.high * other.low + self.low * other.high;
         Twofold::sum(product.high, product.low + cross)
     }
+}
+
+/// p - q, exactly.
+pub fn differences(p: [f64; 3], q: [f64; 3]) -> [Twofold; 3] {
+    std::array::from_fn(|axis| Twofold::difference(p[axis], q[axis]))
+}
+
+pub fn twofold_dot(p: &[Twofold; 3], q: &[Twofold; 3]) -> Twofold {
+    p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+}
+
+pub fn twofold_cross(p: &[Twofold; 3], q: &[Twofold; 3]) -> [Twofold; 3] {
+    std::array::from_fn(|axis| {
+        let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+        p[i] * q[j] - p[j] * q[i]
+    })
 }
 
 /// A number as two of 26 bits each (Veltkamp).

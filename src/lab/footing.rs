@@ -28,11 +28,18 @@ impl Footing {
     pub fn new(referee: &Referee, start: u32, uv: [f64; 2], direction: DVec3) -> Self {
         let vertices = referee.triangles[start as usize];
         let [u, v] = uv.map(Dyadic::new);
+        let mut weights = [Dyadic::new(1.0).minus(&u).minus(&v), u, v];
+        // Rounding may leave the first weight a little below 0, outside.
+        if weights[0].sign() < 0 {
+            let larger = if uv[0] > uv[1] { 1 } else { 2 };
+            weights[larger] = weights[larger].plus(&weights[0]);
+            weights[0] = Dyadic::default();
+        }
         let [a, b, c] = vertices.map(|v| DVec3::from(v.map(f64::from)));
         let sides = [(c - b).length(), (a - c).length(), (b - a).length()];
         Footing {
             corners: vertices.map(|v| exact(v.map(f64::from))),
-            weights: [Dyadic::new(1.0).minus(&u).minus(&v), u, v],
+            weights,
             direction,
             heights: sides.map(|side| (b - a).cross(c - a).length() / side),
             longest: sides[0].max(sides[1]).max(sides[2]),
@@ -46,7 +53,17 @@ impl Footing {
 
     /// Whether the border is farther away than rounding to within `bound` can reach.
     pub fn is_clear(&self, bound: f64) -> bool {
-        (0..3).all(|k| self.weights[k].approximate() * self.heights[k] > 8.0 * bound)
+        self.sides_near(8.0 * bound) == 0
+    }
+
+    /// How many sides lie within this distance.
+    fn sides_near(&self, distance: f64) -> usize {
+        (0..3).filter(|&k| self.weights[k].approximate() * self.heights[k] <= distance).count()
+    }
+
+    /// Whether rounding to within `bound` can reach one side alone, and no sample comes near an end of it.
+    pub fn is_by_one_side(&self, bound: f64) -> bool {
+        self.sides_near(8.0 * bound) == 1 && self.sides_near(8.0 * self.step(bound) * self.longest) == 1
     }
 
     /// Rays from far enough inside that rounding to within `bound` can't reach the border, if the triangle is large enough for that.

@@ -58,8 +58,8 @@ enum Stage {
 #[derive(Debug)]
 pub struct Court {
     pub referee: Referee,
-    /// Whether the surface has no border: only then can it leak.
-    pub closed: bool,
+    /// Edges where the surface ends: next to them nothing can leak.
+    pub border: Vec<[[f32; 3]; 2]>,
 }
 
 impl Court {
@@ -70,8 +70,8 @@ impl Court {
             Stage::Right(error) => return Judged { verdict: Verdict::Right, error },
             Stage::Open => Verdict::TooClose,
             Stage::False => Verdict::FalseHit,
-            Stage::Late => self.late(found, true),
-            Stage::PerhapsLate if self.late_all_around(ray, &aside, found) => self.late(found, false),
+            Stage::Late => self.late(ray, found, true),
+            Stage::PerhapsLate if self.late_all_around(ray, &aside, found) => self.late(ray, found, false),
             Stage::PerhapsLate => Verdict::TooClose,
         };
         Judged { verdict, error: None }
@@ -99,7 +99,12 @@ impl Court {
             return Judged { verdict: Verdict::Right, error: None };
         }
         let own = self.referee.meeting(&center, start, self.referee.aside(&center));
-        let verdict = if is_right(&at_center)
+        let tunnelled = self.tunnelled(&inner, start, found);
+        // Next to a single side, away from its ends, what a ray passes depends on its direction alone.
+        let by_one_side = footing.is_by_one_side(bound);
+        let verdict = if let Some(surely) = tunnelled.filter(|_| by_one_side) {
+            self.late(&center, found, surely)
+        } else if is_right(&at_center)
             || stages.iter().any(is_right)
             || own.is_none_or(|own| own.level)
             || footing.closer(bound).any(|sample| is_right(&compare(&sample)))
@@ -107,8 +112,8 @@ impl Court {
             Verdict::TooClose
         } else if self.is_self_hit(&center, &inner, start, found) {
             Verdict::SelfHit
-        } else if inner.iter().all(|(ray, slack)| self.tunnels(ray, *slack, start, found)) {
-            self.late(found, false)
+        } else if let Some(surely) = tunnelled {
+            self.late(&center, found, surely)
         } else if matches!(at_center, Stage::Open) || stages.iter().any(|stage| matches!(stage, Stage::Open))
         {
             Verdict::TooClose
@@ -133,37 +138,57 @@ impl Court {
             _ if self.is_self_hit(center, inner, start, found) => Verdict::SelfHit,
             Stage::Open => Verdict::TooClose,
             Stage::False => Verdict::FalseHit,
-            Stage::Late if inner.is_empty() => self.late(found, true),
+            Stage::Late if inner.is_empty() => self.late(center, found, true),
             Stage::Late | Stage::PerhapsLate if self.late_all_around(center, aside, found) => {
-                self.late(found, matches!(stage, Stage::Late))
+                self.late(center, found, matches!(stage, Stage::Late))
             }
             Stage::Late | Stage::PerhapsLate => Verdict::TooClose,
         };
         Judged { verdict, error: None }
     }
 
-    /// Whether the ray, which starts `slack` from the true start, has passed through a surface right there: one that belongs to the start.
-    fn tunnels(&self, ray: &ExactRay, slack: f64, start: u32, found: Found) -> bool {
+    /// Whether all samples say that the ray has passed through a surface of the start right there; if so, whether through the same triangle.
+    fn tunnelled(&self, samples: &[(ExactRay, f64)], start: u32, found: Found) -> Option<bool> {
+        let mut common: Option<Vec<u32>> = None;
+        for (ray, slack) in samples {
+            let passed = self.passed_at_start(ray, *slack, start, found);
+            if passed.is_empty() {
+                return None;
+            }
+            let known = common.get_or_insert_with(|| passed.clone());
+            known.retain(|primitive| passed.contains(primitive));
+        }
+        common.map(|same| !same.is_empty())
+    }
+
+    /// The triangles of the start's surface that the ray, which starts `slack` from the true start, has passed through right there.
+    fn passed_at_start(&self, ray: &ExactRay, slack: f64, start: u32, found: Found) -> Vec<u32> {
         let aside = Aside { slack, start: Some(start) };
         let t = found.map_or(f64::INFINITY, |(_, t)| t);
-        self.referee.meetings(ray).iter().any(|meeting| {
+        let mut passed = self.referee.meetings(ray);
+        passed.retain(|meeting| {
             let reach = meeting.uncertainty() + slack * meeting.steepness;
             aside.counts(meeting)
                 && !meeting.level
                 && !meeting.optional()
                 && meeting.t <= reach
                 && t > meeting.t + reach
-                && self.belongs(meeting.primitive, start)
+                && self.belongs(ray, meeting.primitive, start)
                 && !aside.excludes(&self.referee, meeting)
-        })
+        });
+        passed.into_iter().map(|meeting| meeting.primitive).collect()
     }
 
-    fn late(&self, found: Found, surely: bool) -> Verdict {
+    /// `surely` if one triangle is met by all rays around, not each by another one: next to a border there may be gaps between those.
+    fn late(&self, ray: &ExactRay, found: Found, surely: bool) -> Verdict {
+        let bound = 2.0 * self.referee.aside(ray);
         match found {
+            _ if !surely && self.border.iter().any(|edge| ray.passes_segment(edge, bound)) => {
+                Verdict::TooClose
+            }
             Some(_) => Verdict::Skipped,
             None if surely => Verdict::Miss,
-            None if self.closed => Verdict::Leak,
-            None => Verdict::TooClose,
+            None => Verdict::Leak,
         }
     }
 
@@ -194,7 +219,14 @@ impl Court {
                 None => return Stage::False,
             },
         };
-        if !own.allows(t, aside.slack) {
+        // Of coincident triangles the least id is due.
+        let twin = |meeting: &Meeting| {
+            let [a, b] = [meeting.primitive, primitive].map(|id| self.referee.triangles[id as usize]);
+            meeting.primitive < primitive && a == b && aside.counts(meeting)
+        };
+        // Also NaN.
+        let ahead_of_it = t >= 0.0;
+        if !ahead_of_it || !own.allows(t, aside.slack) || near.iter().any(twin) {
             return Stage::False;
         }
         match first {
@@ -207,17 +239,28 @@ impl Court {
         }
     }
 
-    /// Whether the answer is late for all rays around this one.
+    /// Whether the answer is late for all rays around this one: each passes right there, on balance, from one side of the surface to the other.
+    ///
+    /// What folds back onto itself there, so that a ray enters and leaves at once, encloses nothing: its edges are rounded one by one, and may part.
     fn late_all_around(&self, ray: &ExactRay, aside: &Aside, found: Found) -> bool {
-        ray.ring(self.referee.aside(ray)).all(|moved| {
-            let near = self.referee.meetings(&moved);
-            let t = found.map_or(f64::INFINITY, |(_, t)| t);
-            near.iter().any(|meeting| {
+        let t = found.map_or(f64::INFINITY, |(_, t)| t);
+        let distance = self.referee.aside(ray);
+        let reach = |meeting: &Meeting| meeting.uncertainty() + (aside.slack + distance) * meeting.steepness;
+        let before = |ray: &ExactRay| {
+            let mut before = self.referee.meetings(ray);
+            before.retain(|meeting| {
                 aside.counts(meeting)
                     && !aside.excludes(&self.referee, meeting)
                     && !meeting.optional()
-                    && t > meeting.t + meeting.uncertainty() + aside.slack * meeting.steepness
-            })
+                    && t > meeting.t + reach(meeting)
+            });
+            before
+        };
+        let rings: Vec<Vec<Meeting>> = ray.ring(distance).map(|moved| before(&moved)).collect();
+        before(ray).iter().any(|place| {
+            let near =
+                |meeting: &Meeting| (meeting.t - place.t).abs() <= 4.0 * (reach(meeting) + reach(place));
+            rings.iter().all(|ring| ring.iter().filter(|m| near(m)).map(Meeting::side).sum::<i32>() != 0)
         })
     }
 
@@ -227,7 +270,7 @@ impl Court {
         if primitive == start {
             return true;
         }
-        if !self.belongs(primitive, start) {
+        if !self.belongs(center, primitive, start) {
             return false;
         }
         let coincident =
@@ -238,15 +281,20 @@ impl Court {
             let at_start = t * ray.length() <= 8.0 * wide;
             self.referee
                 .meeting(ray, primitive, wide)
-                .is_some_and(|own| !own.beyond_origin() && (coincident || (!own.level && at_start)))
+                .is_some_and(|own| !own.plane_is_ahead() && (coincident || (!own.level && at_start)))
         };
         objects(center, 0.0) && inner.iter().all(|(ray, slack)| objects(ray, *slack))
     }
 
-    /// Whether two triangles share a vertex or a plane.
-    fn belongs(&self, primitive: u32, start: u32) -> bool {
-        let [own, other] = [start, primitive].map(|id| self.referee.triangles[id as usize]);
-        own.iter().any(|v| other.contains(v)) || coplanar(&own, &other)
+    /// Whether two triangles share a vertex or a plane, and `center`, which starts on one, starts where they hang together.
+    ///
+    /// Triangles that share one vertex may also pierce each other elsewhere: no rounded start on that line can tell on which side of the other it lies.
+    fn belongs(&self, center: &ExactRay, primitive: u32, start: u32) -> bool {
+        let [own, other] = [start, primitive].map(|id| &self.referee.triangles[id as usize]);
+        let Some(shared) = own.iter().find(|v| other.contains(v)) else { return coplanar(own, other) };
+        let sides = sides(other, own);
+        !(sides.contains(&1) && sides.contains(&-1))
+            || center.distance(*shared) <= 64.0 * self.referee.aside(center)
     }
 }
 
@@ -275,7 +323,12 @@ impl Aside {
 
 /// Whether all six vertices lie in one plane, exactly.
 fn coplanar(one: &[[f32; 3]; 3], other: &[[f32; 3]; 3]) -> bool {
+    sides(one, other) == [0; 3]
+}
+
+/// On which side of the plane of `one` the vertices of `other` lie, exactly.
+fn sides(one: &[[f32; 3]; 3], other: &[[f32; 3]; 3]) -> [i32; 3] {
     let [a, b, c] = one.map(|v| exact(v.map(f64::from)));
     let normal = dyadic::cross(&dyadic::minus(&b, &a), &dyadic::minus(&c, &a));
-    other.iter().all(|v| dyadic::dot(&normal, &dyadic::minus(&exact(v.map(f64::from)), &a)).sign() == 0)
+    other.map(|v| dyadic::dot(&normal, &dyadic::minus(&exact(v.map(f64::from)), &a)).sign())
 }

@@ -17,8 +17,8 @@ pub struct Body {
 }
 
 /// Names of the generated bodies, in the order of [`body`].
-pub const SHAPES: [&str; 9] =
-    ["icosphere", "torus", "slivers", "star", "bumpy", "saddles", "shells", "box", "dust"];
+pub const SHAPES: [&str; 10] =
+    ["icosphere", "torus", "slivers", "star", "bumpy", "saddles", "shells", "box", "dust", "fans"];
 
 /// Where bodies of about unit size are put: a name, a factor and an offset.
 pub const PLACES: [(&str, f64, f64); 10] = [
@@ -47,8 +47,8 @@ pub fn body(shape: usize, factor: f64, offset: f64) -> Body {
 }
 
 impl Body {
-    /// Whether each directed edge between distinct positions has as many partners the other way: then the surface has no border.
-    pub fn is_closed(&self) -> bool {
+    /// The edges between distinct positions that don't have as many partners the other way, in no order: where there are none the surface is closed.
+    pub fn border(&self) -> Vec<[[f32; 3]; 2]> {
         let key = |index: u32| self.positions[index as usize].map(|c| (c + 0.0).to_bits());
         let mut balance: HashMap<_, i64> = HashMap::new();
         for [a, b, c] in &self.triangles {
@@ -61,7 +61,13 @@ impl Body {
                 }
             }
         }
-        balance.values().all(|&sum| sum == 0)
+        let open = balance.into_iter().filter(|&(_, sum)| sum != 0);
+        open.map(|((from, to), _)| [from, to].map(|bits| bits.map(f32::from_bits))).collect()
+    }
+
+    /// Whether the surface has no border.
+    pub fn is_closed(&self) -> bool {
+        self.border().is_empty()
     }
 }
 
@@ -102,6 +108,7 @@ fn soup(shape: usize) -> Soup {
         "shells" => shells(),
         "box" => lattice_box(5),
         "dust" => dust(),
+        "fans" => fans(),
         other => unreachable!("{other}"),
     }
 }
@@ -253,6 +260,36 @@ fn dust() -> Soup {
     for exponent in [-3, -6, -9, -12, -15, -18, -24, -30] {
         let size = libm::exp10(f64::from(exponent));
         soup.add(sphere(1).map(|p| p * size));
+    }
+    soup
+}
+
+/// Many small double cones of few, uneven, often very thin triangles around their tips.
+fn fans() -> Soup {
+    let mut soup = Soup::default();
+    let mut number = 0.0;
+    // Of no order that matters, in -1 .. 1.
+    let mut any = || {
+        number += 1.0;
+        libm::sin(number * number * 0.739 + number)
+    };
+    for cone in 0..60 {
+        let place =
+            DVec3::new(f64::from(cone % 4), f64::from(cone / 4 % 4), f64::from(cone / 16)) * 0.5 - 0.75;
+        let squash =
+            DVec3::new(0.1, libm::exp10(-2.0 + 2.0 * any()) * 0.1, libm::exp10(-2.0 + 2.0 * any()) * 0.1);
+        let corners = 3 + cone % 6;
+        let first = soup.points.len() as u32;
+        soup.points.extend([
+            place + squash * DVec3::new(any(), any(), 1.0),
+            place - squash * DVec3::new(any(), any(), 1.0),
+        ]);
+        for k in 0..corners {
+            let (sin, cos) = libm::sincos(TAU * (f64::from(k) + 0.4 * any()) / f64::from(corners));
+            soup.points.push(place + squash * (1.5 + any()) * DVec3::new(cos, sin, 0.3 * any()));
+            let [a, b] = [first + 2 + k as u32, first + 2 + ((k + 1) % corners) as u32];
+            soup.triangles.extend([[first, a, b], [first + 1, b, a]]);
+        }
     }
     soup
 }

@@ -4,6 +4,7 @@
 //! length. Plain f64 serves only to leave out, by wide margins, what is nowhere near, and to say how near the rest is.
 
 use std::cmp::Ordering;
+use std::f64::consts::TAU;
 
 use glam::DVec3;
 
@@ -82,6 +83,16 @@ impl Meeting {
         self.met && self.numerator.sign() * self.denominator.sign() > 0
     }
 
+    /// Whether its plane, met or not, lies after the ray's origin.
+    pub fn plane_is_ahead(&self) -> bool {
+        self.numerator.sign() * self.denominator.sign() > 0
+    }
+
+    /// From which side it is met: the sign of n·d.
+    pub fn side(&self) -> i32 {
+        self.denominator.sign()
+    }
+
     /// The exact order along the ray.
     pub fn order(&self, other: &Meeting) -> Ordering {
         if (self.t - other.t).abs() > 1e-13 * (self.t.abs() + other.t.abs()) {
@@ -96,7 +107,7 @@ impl Meeting {
     /// Whether a rounded answer to a ray up to `slack` aside may give this t for it.
     pub fn allows(&self, t: f64, slack: f64) -> bool {
         (t - self.t).abs() <= self.blur + slack * self.steepness
-            || (self.grazing && self.slab[0] <= t && t <= self.slab[1])
+            || (self.level && self.slab[0] <= t && t <= self.slab[1])
     }
 
     /// Whether it is too near to the origin to tell that it lies ahead.
@@ -139,28 +150,34 @@ impl ExactRay {
         ExactRay { origin, near_origin, ..self.clone() }
     }
 
-    /// Eight rays around it at this distance.
+    /// Rays around it at this distance.
     pub fn ring(&self, distance: f64) -> impl Iterator<Item = ExactRay> + '_ {
-        const DIAGONAL: f64 = std::f64::consts::FRAC_1_SQRT_2;
-        let places = [
-            [1.0, 0.0],
-            [DIAGONAL, DIAGONAL],
-            [0.0, 1.0],
-            [-DIAGONAL, DIAGONAL],
-            [-1.0, 0.0],
-            [-DIAGONAL, -DIAGONAL],
-            [0.0, -1.0],
-            [DIAGONAL, -DIAGONAL],
-        ];
-        places
-            .into_iter()
-            .map(move |[x, y]| self.moved(self.across[0] * (x * distance) + self.across[1] * (y * distance)))
+        const COUNT: u32 = 32;
+        (0..COUNT).map(move |k| {
+            let (y, x) = libm::sincos(TAU * f64::from(k) / f64::from(COUNT));
+            self.moved((self.across[0] * x + self.across[1] * y) * distance)
+        })
     }
 
     /// The coordinates of a point across the ray.
     fn place(&self, point: [f32; 3]) -> [f64; 2] {
         let from = DVec3::from(point.map(f64::from)) - self.near_origin;
         [self.across[0].dot(from), self.across[1].dot(from)]
+    }
+
+    /// Whether the ray's line comes within the bound of a segment.
+    pub fn passes_segment(&self, ends: &[[f32; 3]; 2], bound: f64) -> bool {
+        distance_to_segment(self.place(ends[0]), self.place(ends[1])) <= bound
+    }
+
+    /// Distance of the ray's line from a point, rounded.
+    pub fn distance_aside(&self, point: DVec3) -> f64 {
+        (point - self.near_origin).reject_from_normalized(self.forward).length()
+    }
+
+    /// Distance of the origin from a point, rounded.
+    pub fn distance(&self, point: [f32; 3]) -> f64 {
+        self.near_origin.distance(DVec3::from(point.map(f64::from)))
     }
 
     /// Length of the direction, as its largest component.
@@ -186,11 +203,18 @@ impl Referee {
         ASIDE * self.unit(ray)
     }
 
+    /// The same for what one triangle alone makes of it.
+    fn unit_at(&self, ray: &ExactRay, primitive: u32) -> f64 {
+        let corners = self.triangles[primitive as usize];
+        let extent = corners.iter().flatten().fold(0.0, |m: f64, &c| m.max(f64::from(c).abs()));
+        U * (ray.near_origin.abs().max_element() + extent)
+    }
+
     /// All triangles that the ray's line exactly meets, ahead of the origin or not far behind.
     pub fn meetings(&self, ray: &ExactRay) -> Vec<Meeting> {
         let mut found = Vec::new();
         self.tree.near_line(ray.near_origin, ray.forward, 2.0 * self.aside(ray), |primitive| {
-            let (met, surely) = self.passes(ray, primitive, self.aside(ray)).unwrap_or((false, false));
+            let (met, surely) = self.passes(ray, primitive, 0.0).unwrap_or((false, false));
             if met {
                 found.extend(Some(self.measure(ray, primitive, true, surely, 0.0)).filter(|found| found.met));
             }
@@ -200,18 +224,29 @@ impl Referee {
 
     /// The one triangle, if the ray's line meets it or passes within the bound and `slack` more.
     pub fn meeting(&self, ray: &ExactRay, primitive: u32, slack: f64) -> Option<Meeting> {
-        let (met, surely) = self.passes(ray, primitive, self.aside(ray) + slack)?;
+        let (met, surely) = self.passes(ray, primitive, slack)?;
         Some(self.measure(ray, primitive, met, surely, slack))
     }
 
     /// Whether the line exactly meets the triangle, and whether every line within the bound does; `None` if none of them does.
-    fn passes(&self, ray: &ExactRay, primitive: u32, bound: f64) -> Option<(bool, bool)> {
+    fn passes(&self, ray: &ExactRay, primitive: u32, slack: f64) -> Option<(bool, bool)> {
         let vertices = &self.triangles[primitive as usize];
+        let bound = ASIDE * self.unit_at(ray, primitive) + slack;
         match judge_flat(vertices.map(|v| ray.place(v)), bound) {
             Flat::Out => None,
             Flat::Inside => Some((true, true)),
             Flat::Border => Some((meets_exactly(ray, vertices), false)),
         }
+    }
+
+    /// Whether a point, said to be where the ray meets the triangle, lies on the ray's line as nearly as weights of rounded areas can bring it there.
+    pub fn holds_point(&self, ray: &ExactRay, primitive: u32, point: DVec3, slack: f64) -> bool {
+        let [a, b, c] = self.triangles[primitive as usize].map(|v| DVec3::from(v.map(f64::from)));
+        let longest2 = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+        let seen = (b - a).cross(c - a).dot(ray.forward).abs();
+        let bound = 4.0 * (ASIDE * self.unit_at(ray, primitive) + slack) * (1.0 + longest2 / seen);
+        // Seen edge-on, it says nothing: the bound is infinite, or NaN.
+        bound.is_nan() || ray.distance_aside(point) <= bound
     }
 
     fn measure(&self, ray: &ExactRay, primitive: u32, met: bool, surely: bool, slack: f64) -> Meeting {
@@ -227,12 +262,12 @@ impl Referee {
         let spread = sum(pb - pa) * sum(pc - pa);
         let along = denominator.approximate().abs();
         let length = sum(ray.plain_direction);
-        let unit = self.unit(ray);
+        let unit = self.unit_at(ray, primitive);
         let tilt = normal.iter().map(|c| c.approximate().abs()).sum::<f64>();
         let blur = ALONG * (unit + U * t.abs() * length) * spread / along + 8.0 * U * t.abs();
         // Twice the tracer's own limit: rounding may put it on either side.
         let grazing = along.is_nan() || along <= spread * length / 16_384.0;
-        let slab = slab(ray, vertices, self.aside(ray) + slack);
+        let slab = slab(ray, vertices, ASIDE * unit + slack);
         let met = met && denominator.sign() != 0;
         let steepness = tilt / along;
         Meeting {

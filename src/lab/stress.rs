@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::aim::{Aim, Dice, Target};
 use super::dyadic::{self, Dyadic, exact};
-use super::judge::{Court, Judged};
+use super::judge::{Court, Judged, Verdict};
 use super::meshes::{self, Body};
 use super::referee::{ExactRay, Referee};
 use super::tally::Tally;
@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 use crate::geometry::Ray;
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
 use crate::scene::build::SceneBuilder;
-use crate::scene::mesh::Mesh;
+use crate::scene::mesh::{Mesh, has_area};
 use crate::scene::{Material, Scene, SceneHeader, Shading};
 use crate::settings::AccelKind;
 use crate::transport::surface::Interaction;
@@ -115,8 +115,11 @@ impl<'a> Bench<'a> {
         check_frame(&name, &scene, body)?;
         let surfaces = &scene.surfaces;
         let triangles = (0..surfaces.triangles.len() as u32).map(|id| surfaces.triangle(id)).collect();
-        let court = Court { referee: Referee::new(triangles), closed: body.is_closed() };
         let stored = Body { positions: surfaces.positions.clone(), triangles: body.triangles.clone() };
+        // Triangles that have lost their area are no surface: where they lie their neighbours have edges of their own.
+        let solid = stored.triangles.iter().filter(|t| has_area(&t.map(|v| stored.positions[v as usize])));
+        let border = Body { triangles: solid.copied().collect(), ..stored.clone() }.border();
+        let court = Court { referee: Referee::new(triangles), border };
         Ok(Bench { scene, court, world: Target::new(body), stored })
     }
 
@@ -158,10 +161,9 @@ impl<'a> Bench<'a> {
                     .map(|c| c.times(&Dyadic::new(frame.scale))),
                 direction,
             );
-            return (
-                self.court.judge(&ray, found(&answer)),
-                differs(tracers, &record.ray(), &answer, &mut dice),
-            );
+            let mut judged = self.court.judge(&ray, found(&answer));
+            self.judge_point(&mut judged, &ray, &record, &answer);
+            return (judged, differs(tracers, &record.ray(), &answer, &mut dice));
         }
         // As light goes on from a hit.
         let hit = Interaction::new(&self.scene, &record, &answer);
@@ -173,6 +175,18 @@ impl<'a> Bench<'a> {
         // The rounding of the start is in it: no measure of how exactly t is found.
         judged.error = None;
         (judged, differs(tracers, &record.ray(), &second, &mut dice))
+    }
+
+    /// Where light goes on must be where the ray has come.
+    fn judge_point(&self, judged: &mut Judged, ray: &ExactRay, record: &RayRecord, answer: &Answer) {
+        if !answer.is_hit() || !matches!(judged.verdict, Verdict::Right | Verdict::TooClose) {
+            return;
+        }
+        let point = Interaction::new(&self.scene, record, answer).position;
+        let inside = answer.u >= 0.0 && answer.v >= 0.0 && answer.u <= 1.0 && answer.v <= 1.0;
+        if !inside || !self.court.referee.holds_point(ray, answer.primitive, point, 0.0) {
+            judged.verdict = Verdict::FalseHit;
+        }
     }
 }
 
@@ -219,15 +233,23 @@ fn found(answer: &Answer) -> Option<(u32, f64)> {
 /// Whether another tracer answers differently by a single bit, or one's "occluded" doesn't fit its "closest".
 fn differs(tracers: &[&dyn Tracer], ray: &Ray, answer: &Answer, dice: &mut Dice) -> bool {
     let bits = |a: &Answer| (a.primitive, a.t.to_bits(), a.u.to_bits(), a.v.to_bits());
-    // Up to the hit, up to just before it, or somewhere.
+    // Up to the hit, up to just before it, or somewhere. What a denormal number says in one unit of t it can't say in another.
     let limit = match dice.below(3) {
+        _ if answer.t < 4.0 * f64::MIN_POSITIVE => f64::MIN_POSITIVE * 8.0,
         0 => answer.t,
         1 => answer.t.next_down(),
         _ => answer.t.min(f64::MAX) * (2.0 * dice.unit()),
     };
     let occluded = limit >= answer.t && answer.is_hit();
+    // As a shadow ray goes on through what is transparent.
+    let beyond = Ray { t_min: answer.t, first_id: answer.primitive.wrapping_add(1), ..*ray };
+    let onward = (answer.is_hit() && dice.below(4) == 0).then(|| bits(&tracers[0].closest(&beyond)));
     tracers.iter().enumerate().any(|(which, tracer)| {
-        (which > 0 && bits(&tracer.closest(ray)) != bits(answer))
+        let disagrees = || {
+            bits(&tracer.closest(ray)) != bits(answer)
+                || onward.is_some_and(|onward| bits(&tracer.closest(&beyond)) != onward)
+        };
+        (which > 0 && disagrees())
             || (limit >= 0.0 && tracer.occluded(&Ray { t_max: limit, ..*ray }) != occluded)
     })
 }
@@ -252,7 +274,6 @@ fn check_frame(name: &str, scene: &Scene, body: &Body) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::judge::Verdict;
     use super::*;
 
     fn subject(shape: &str, place: &str) -> Subject {

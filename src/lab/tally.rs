@@ -85,11 +85,17 @@ fn earlier(a: Option<u64>, b: Option<u64>) -> Option<u64> {
 }
 
 /// A histogram of numbers >= 0: eight classes for each power of two from 2^-64 to 2^64.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
     /// Class 0 is 0 itself and what is smaller. Empty until there is something to count.
     classes: Vec<u64>,
     pub largest: f64,
+}
+
+impl std::fmt::Debug for Spread {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} numbers up to {:e}", self.classes.iter().sum::<u64>(), self.largest)
+    }
 }
 
 const CLASSES: usize = 1 + 128 * 8;
