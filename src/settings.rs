@@ -102,6 +102,7 @@ pub enum Encoding {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunSettings {
     pub accel: AccelKind,
+    pub build: BuildPreset,
     pub split: Split,
     /// Edge of a tile in pixels, 1 ..= 4096.
     pub tile_size: u32,
@@ -109,7 +110,12 @@ pub struct RunSettings {
 
 impl Default for RunSettings {
     fn default() -> Self {
-        RunSettings { accel: AccelKind::Bvh, split: Split::Tiles, tile_size: 32 }
+        RunSettings {
+            accel: AccelKind::Bvh,
+            build: BuildPreset::Balanced,
+            split: Split::Tiles,
+            tile_size: 32,
+        }
     }
 }
 
@@ -121,6 +127,19 @@ pub enum AccelKind {
     Bvh,
     /// Every primitive is tested: a check, not a way to render.
     Brute,
+}
+
+/// How much time the building of the hierarchy is given, so that tracing takes less.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum BuildPreset {
+    /// For an image of few rays.
+    Fast,
+    /// For most images.
+    #[default]
+    Balanced,
+    /// For images of very many rays.
+    Best,
 }
 
 /// How the image is divided among ranks.

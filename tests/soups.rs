@@ -7,7 +7,7 @@ use heliostat::geometry::{NONE, Ray};
 use heliostat::lab::meshes::Body;
 use heliostat::lab::stress::{self, Plan, Subject};
 use heliostat::scene::Surfaces;
-use heliostat::settings::AccelKind;
+use heliostat::settings::{AccelKind, BuildPreset};
 use proptest::prelude::*;
 
 const ACCELS: [AccelKind; 2] = [AccelKind::Bvh, AccelKind::Brute];
@@ -68,7 +68,7 @@ proptest! {
         let [a, b] = ends.map(|end| DVec3::from(end) * 4.0 + aside);
         prop_assume!(a != b);
         for kind in ACCELS {
-            let accel = Accel::build(kind, &surfaces);
+            let accel = Accel::build(kind, BuildPreset::Balanced, &surfaces);
             let mut there = passed(&accel, &surfaces, a, b);
             let mut back = passed(&accel, &surfaces, b, a);
             there.sort_unstable();

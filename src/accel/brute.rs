@@ -1,13 +1,18 @@
 //! Every primitive is tested: the plain truth that other structures are checked against.
 
-use super::Visitor;
 use super::tester::Tester;
+use crate::geometry::Ray;
+use crate::geometry::record::Answer;
+use crate::scene::Surfaces;
 
-pub(super) fn traverse<const ANY: bool>(tester: &mut Tester) {
-    for primitive in 0..tester.surfaces.len() as u32 {
+/// The least (t, primitive id), or with `any` whether there is one.
+pub(super) fn answer(surfaces: &Surfaces, ray: &Ray, any: bool) -> Answer {
+    let mut tester = Tester::new(surfaces, ray);
+    for primitive in 0..surfaces.len() as u32 {
         tester.test(primitive);
-        if ANY && tester.found() {
-            return;
+        if any && tester.found() {
+            break;
         }
     }
+    tester.verdict(any)
 }

@@ -1,7 +1,5 @@
 //! One ray against single primitives: keeps the least (t, id) that counts.
 
-use super::{LANES, Visitor};
-use crate::geometry::filter::{Block, FilterRay, round_up};
 use crate::geometry::record::Answer;
 use crate::geometry::start::Start;
 use crate::geometry::triangle::{self, TriangleHit};
@@ -12,14 +10,13 @@ use crate::scene::Surfaces;
 pub struct Tester<'a> {
     pub surfaces: &'a Surfaces,
     pub ray: Prepared,
-    start: u32,
+    pub start: u32,
     /// The triangle that the ray starts on, if it does.
     start_triangle: Option<Start>,
     /// In units of the scaled direction; only (t, id) below (`t_best`, `primitive`) counts.
     pub t_best: f64,
     primitive: u32,
     weights: [f64; 3],
-    filter: Option<FilterRay>,
 }
 
 impl<'a> Tester<'a> {
@@ -35,7 +32,6 @@ impl<'a> Tester<'a> {
             t_best: prepared.t_max,
             primitive: NONE,
             weights: [0.0; 3],
-            filter: None,
         }
     }
 
@@ -50,20 +46,56 @@ impl<'a> Tester<'a> {
 
     #[inline]
     fn test_triangle(&mut self, primitive: u32) {
-        if primitive == self.start {
-            return;
+        self.test_corners(primitive, &corners(self.surfaces, primitive));
+    }
+
+    /// Tests a triangle whose corners are at hand.
+    #[inline]
+    pub fn test_corners(&mut self, primitive: u32, corners: &[[f64; 3]; 3]) {
+        if primitive != self.start {
+            self.offer_hit(primitive, self.meet(corners));
         }
-        let vertices = corners(self.surfaces, primitive);
-        let hit = match &self.start_triangle {
-            None => triangle::intersect(&self.ray, &vertices),
-            Some(start) => start.meet(&self.ray, &vertices),
-        };
+    }
+
+    /// Where the ray, whatever its range, meets a triangle that it doesn't start on.
+    #[inline]
+    pub fn meet(&self, corners: &[[f64; 3]; 3]) -> Option<TriangleHit> {
+        match &self.start_triangle {
+            None => triangle::intersect(&self.ray, corners),
+            Some(start) => start.meet(&self.ray, corners),
+        }
+    }
+
+    /// Keeps a triangle's hit, if it counts.
+    #[inline]
+    pub fn offer_hit(&mut self, primitive: u32, hit: Option<TriangleHit>) {
         if let Some(hit) = hit
             && self.counts(hit.t, primitive)
         {
             self.t_best = hit.t;
             self.primitive = primitive;
             self.weights = hit.weights;
+        }
+    }
+
+    /// Something is surely in the ray's range; t isn't known.
+    #[inline]
+    pub fn found_surely(&mut self, primitive: u32) {
+        self.primitive = primitive;
+    }
+
+    #[inline]
+    pub fn found(&self) -> bool {
+        self.primitive != NONE
+    }
+
+    /// The answer; with `any` only whether there is a hit, as primitive 0.
+    #[inline]
+    pub fn verdict(&self, any: bool) -> Answer {
+        match any {
+            false => self.answer(),
+            true if self.found() => Answer { primitive: 0, ..Answer::MISS },
+            true => Answer::MISS,
         }
     }
 
@@ -101,7 +133,7 @@ impl<'a> Tester<'a> {
     }
 
     /// The best hit, complete.
-    pub fn answer(&self) -> Answer {
+    fn answer(&self) -> Answer {
         if !self.found() {
             return Answer::MISS;
         }
@@ -113,56 +145,6 @@ impl<'a> Tester<'a> {
             [answer.u, answer.v] = triangle::barycentrics(&self.ray, &vertices, &hit);
         }
         answer
-    }
-}
-
-impl Visitor for Tester<'_> {
-    fn begin(&mut self, extent: f64) {
-        self.filter = FilterRay::new(&self.ray, extent);
-    }
-
-    #[inline]
-    fn ray(&self) -> &Prepared {
-        &self.ray
-    }
-
-    #[inline]
-    fn limit(&self) -> f64 {
-        self.t_best
-    }
-
-    /// Tests those primitives that the filter isn't sure to be missed.
-    #[inline]
-    fn visit(&mut self, primitives: &[u32]) {
-        let mut open = (1 << primitives.len()) - 1;
-        if let Some(filter) = &self.filter {
-            let triangles = self.surfaces.triangles.len();
-            let mut block: Block<LANES> = [[[0.0; LANES]; 3]; 3];
-            let mut judged = 0;
-            for (lane, &primitive) in primitives.iter().enumerate() {
-                if (primitive as usize) < triangles {
-                    judged |= 1 << lane;
-                    let vertices = self.surfaces.triangle(primitive);
-                    for vertex in 0..3 {
-                        for axis in 0..3 {
-                            block[vertex][axis][lane] = vertices[vertex][axis];
-                        }
-                    }
-                }
-            }
-            if judged != 0 {
-                open &= !(filter.judge(&block, round_up(self.t_best)).out & judged);
-            }
-        }
-        while open != 0 {
-            self.test(primitives[open.trailing_zeros() as usize]);
-            open &= open - 1;
-        }
-    }
-
-    #[inline]
-    fn found(&self) -> bool {
-        self.primitive != NONE
     }
 }
 

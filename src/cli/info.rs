@@ -8,7 +8,7 @@ use super::{print, warn};
 use crate::error::Result;
 use crate::scene::mesh::has_area;
 use crate::scene::{Surfaces, load};
-use crate::settings::AccelKind;
+use crate::settings::{AccelKind, BuildPreset};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<()> {
         scale: header.frame.scale,
         surface_bytes: surface_bytes(surfaces),
         texture_bytes: loaded.scene.textures.iter().map(|texture| texture.texels.len() * 3).sum(),
-        bvh_bytes: super::build_accel(AccelKind::Bvh, surfaces, &args.scene)?.memory(),
+        bvh_bytes: super::build_accel(AccelKind::Bvh, BuildPreset::Balanced, surfaces, &args.scene)?.memory(),
     };
     if args.json {
         let json = serde_json::to_string_pretty(&info).expect("plain numbers have a JSON form");

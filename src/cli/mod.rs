@@ -22,7 +22,7 @@ use crate::cluster::{self, Comm, share};
 use crate::error::{Error, Result};
 use crate::scene::Surfaces;
 use crate::scene::load::Budget;
-use crate::settings::AccelKind;
+use crate::settings::{AccelKind, BuildPreset};
 
 /// A distributed-memory parallel ray tracer: exact surfaces, and the same bytes however it was run.
 ///
@@ -125,9 +125,9 @@ fn parse() -> Result<Option<Command>> {
 ///
 /// # Errors
 /// It needs more memory than there is.
-fn build_accel(kind: AccelKind, surfaces: &Surfaces, scene: &Path) -> Result<Accel> {
+fn build_accel(kind: AccelKind, preset: BuildPreset, surfaces: &Surfaces, scene: &Path) -> Result<Accel> {
     match Budget::of_machine().lacks(Accel::memory_to_build(kind, surfaces)) {
-        None => Ok(Accel::build(kind, surfaces)),
+        None => Ok(Accel::build(kind, preset, surfaces)),
         Some(shortage) => Err(Error::scene(
             scene,
             None,

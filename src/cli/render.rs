@@ -16,7 +16,9 @@ use crate::output::timeline::{self, Timeline};
 use crate::output::write::{self, Target, WriteOptions};
 use crate::output::{file, metadata};
 use crate::scene::load::{self, ImageDefaults};
-use crate::settings::{AccelKind, Crop, Encoding, Filter, ImageSettings, Integrator, RunSettings, Split};
+use crate::settings::{
+    AccelKind, BuildPreset, Crop, Encoding, Filter, ImageSettings, Integrator, RunSettings, Split,
+};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -65,6 +67,9 @@ pub struct Args {
     /// The structure that finds hits; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_ACCEL", default_value = "bvh", help_heading = "Run")]
     accel: AccelKind,
+    /// Time given to building the hierarchy, for less time of tracing; never changes a byte of the image
+    #[arg(long, env = "HELIOSTAT_BUILD", default_value = "balanced", help_heading = "Run")]
+    build: BuildPreset,
     /// How ranks divide the work; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_SPLIT", default_value = "tiles", help_heading = "Run")]
     split: Split,
@@ -168,7 +173,8 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     stats.seconds.load = begin.elapsed().as_secs_f64();
     let image = image_settings(&args, &loaded.image)?;
     loaded.fit(image.width, image.height);
-    let run = RunSettings { accel: args.accel, split: args.split, tile_size: args.tile_size };
+    let run =
+        RunSettings { accel: args.accel, build: args.build, split: args.split, tile_size: args.tile_size };
     if !errand.quiet {
         warn(&loaded.warnings);
     }
@@ -177,7 +183,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     }
     let begin = Instant::now();
     let _span = timeline.span(0, "build");
-    let accel = super::build_accel(run.accel, &loaded.scene.surfaces, &args.scene)?;
+    let accel = super::build_accel(run.accel, run.build, &loaded.scene.surfaces, &args.scene)?;
     stats.seconds.build = begin.elapsed().as_secs_f64();
     Ok((Work { scene: loaded.scene, accel, image, run }, errand))
 }

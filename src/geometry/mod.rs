@@ -4,7 +4,6 @@
 //! hit; every structure and kernel answers exactly as they do. Nothing here fuses multiply and add.
 
 pub mod bounds;
-pub mod filter;
 pub mod position;
 pub mod record;
 pub mod sphere;
@@ -89,6 +88,19 @@ impl Prepared {
     pub fn begun(&self, t: f64, id: u32) -> bool {
         t > self.t_min || (t == self.t_min && id >= self.first_id)
     }
+}
+
+/// The f32 at or below t.
+#[inline]
+pub fn round_down(t: f64) -> f32 {
+    let rounded = t as f32;
+    if f64::from(rounded) > t { rounded.next_down() } else { rounded }
+}
+
+/// The f32 at or above t.
+#[inline]
+pub fn round_up(t: f64) -> f32 {
+    -round_down(-t)
 }
 
 /// The power of two that brings a positive number into [1, 2), and its inverse. Denormals come as near as the

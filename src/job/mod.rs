@@ -147,7 +147,7 @@ pub fn wide_pool(comm: &dyn Comm, own: &ThreadPool) -> Result<Option<ThreadPool>
 /// The system gives no threads.
 pub fn render_alone(scene: Scene, image: ImageSettings, run: RunSettings) -> Result<Image> {
     let pool = thread_pool(std::thread::available_parallelism().map_or(1, |n| n.get()))?;
-    let accel = pool.install(|| Accel::build(run.accel, &scene.surfaces));
+    let accel = pool.install(|| Accel::build(run.accel, run.build, &scene.surfaces));
     let work = Work { scene, accel, image, run };
     let progress = ProgressKind::None.start();
     let timeline = &Timeline::off();

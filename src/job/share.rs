@@ -1,7 +1,7 @@
 //! What every rank holds in the replicated splits, and its way there from rank 0.
 
 use crate::accel::Accel;
-use crate::accel::bvh::Bvh;
+use crate::accel::wide::Wide;
 use crate::cluster::share::Share;
 use crate::error::Result;
 use crate::scene::{Scene, Texture};
@@ -38,13 +38,14 @@ impl Work {
             AccelKind::Brute => Ok(()),
             AccelKind::Bvh => {
                 if !matches!(self.accel, Accel::Bvh(_)) {
-                    self.accel = Accel::Bvh(Bvh::default());
+                    self.accel = Accel::Bvh(Wide::default());
                 }
-                let Accel::Bvh(bvh) = &mut self.accel else { return Ok(()) };
-                share.value(&mut bvh.depth)?;
-                share.value(&mut bvh.extent)?;
-                share.array(&mut bvh.nodes)?;
-                share.array(&mut bvh.primitives)
+                let Accel::Bvh(wide) = &mut self.accel else { return Ok(()) };
+                share.value(&mut wide.low)?;
+                share.value(&mut wide.high)?;
+                share.value(&mut wide.tree.stack_size)?;
+                share.array(&mut wide.tree.nodes)?;
+                share.array(&mut wide.tree.blocks)
             }
         }
     }

@@ -22,7 +22,7 @@ use crate::scene::frame::power_of_two;
 use crate::scene::load::obj;
 use crate::scene::load::texture::Textures;
 use crate::scene::{Material, Scene, SceneHeader, Shading};
-use crate::settings::AccelKind;
+use crate::settings::{AccelKind, BuildPreset};
 
 /// The formats of all files, for people.
 pub const FORMATS: &str = "\
@@ -116,7 +116,7 @@ impl Target {
             builder.mesh(mesh, &DAffine3::IDENTITY, material, Shading::Flat)?;
         }
         let scene = builder.finish(SceneHeader::default());
-        let accel = Accel::build(accel, &scene.surfaces);
+        let accel = Accel::build(accel, BuildPreset::Balanced, &scene.surfaces);
         Ok((Target { scene, accel }, file.warnings))
     }
 
@@ -348,7 +348,7 @@ mod tests {
         let mut builder = SceneBuilder::new(Path::new("test"));
         builder.mesh(mesh, &DAffine3::IDENTITY, 0, Shading::Flat).unwrap();
         let scene = builder.finish(SceneHeader::default());
-        let accel = Accel::build(AccelKind::Bvh, &scene.surfaces);
+        let accel = Accel::build(AccelKind::Bvh, BuildPreset::Balanced, &scene.surfaces);
         Target { scene, accel }
     }
 

@@ -21,7 +21,7 @@ use crate::geometry::record::{Answer, Origin, Query, RayRecord};
 use crate::scene::build::SceneBuilder;
 use crate::scene::mesh::{Mesh, has_area};
 use crate::scene::{Material, Scene, SceneHeader, Shading};
-use crate::settings::AccelKind;
+use crate::settings::{AccelKind, BuildPreset};
 use crate::transport::surface::Interaction;
 
 /// Rays that are traced in one go by one thread.
@@ -209,7 +209,10 @@ pub fn run(
     let structures: Vec<Structure> = plan
         .accels
         .iter()
-        .map(|&kind| Structure { accel: Accel::build(kind, &bench.scene.surfaces), scene: &bench.scene })
+        .map(|&kind| Structure {
+            accel: Accel::build(kind, BuildPreset::Balanced, &bench.scene.surfaces),
+            scene: &bench.scene,
+        })
         .collect();
     let tracers: Vec<&dyn Tracer> = structures.iter().map(|structure| structure as &dyn Tracer).collect();
     let chunks = rays.div_ceil(CHUNK);

@@ -7,7 +7,7 @@ use heliostat::accel::Accel;
 use heliostat::image::Image;
 use heliostat::job::Work;
 use heliostat::scene::load;
-use heliostat::settings::{AccelKind, Crop, ImageSettings, RunSettings};
+use heliostat::settings::{AccelKind, BuildPreset, Crop, ImageSettings, RunSettings};
 
 pub fn repository() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -56,7 +56,7 @@ pub fn small_work(scene: &Path, accel: AccelKind) -> Work {
         filter: defaults.filter.unwrap_or(heliostat::settings::Filter::Mitchell),
         ..ImageSettings::default()
     };
-    let accel_built = Accel::build(accel, &loaded.scene.surfaces);
+    let accel_built = Accel::build(accel, BuildPreset::Balanced, &loaded.scene.surfaces);
     let run = RunSettings { accel, ..RunSettings::default() };
     Work { scene: loaded.scene, accel: accel_built, image, run }
 }

@@ -12,7 +12,7 @@ use heliostat::scene::load::obj::{self, ObjFile};
 use heliostat::scene::load::texture::Textures;
 use heliostat::scene::load::{self, Budget, Loaded};
 use heliostat::scene::{Material, SceneHeader};
-use heliostat::settings::{AccelKind, ImageSettings, RunSettings};
+use heliostat::settings::{AccelKind, BuildPreset, ImageSettings, RunSettings};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -41,7 +41,7 @@ pub fn toml(bytes: &[u8]) {
         Ok(loaded) => {
             sound_scene(&loaded);
             if loaded.scene.surfaces.len() < 2000 {
-                Accel::build(AccelKind::Bvh, &loaded.scene.surfaces);
+                Accel::build(AccelKind::Bvh, BuildPreset::Balanced, &loaded.scene.surfaces);
             }
         }
         Err(error) => clear(&error, "scene.toml"),

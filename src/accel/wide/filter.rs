@@ -1,0 +1,296 @@
+//! An f32 filter in front of the f64 decision of `geometry::triangle`, for eight triangles at once: surely out, surely in at a t within bounds, or unsure.
+//!
+//! It never contradicts `triangle::intersect`; what it is unsure of, that must decide. The bounds, with u = 2^-24 and L = |origin|∞ + max|vertex|∞:
+//!
+//! * Rounding the origin costs u|o|, the difference v − o another u(|v| + |o|), so the moved vertices are off by at most 2uL. The shear
+//!   (|s| <= 1) adds to x: u for rounding s, 2u from z, u for the product, 2u for the difference; fused, less. In all |x̃ − x| < 8uL; `delta` δ = 9uL, and more by
+//!   what moving the origin along the ray has cost. What the f64 test itself rounds is 2^-29 of that and lies within the rest.
+//! * An edge function of coordinates of magnitude at most m, each off by δ: 4mδ + 2δ² from the inputs, 4um² from two products
+//!   and a difference. `bound` = B = m(5δ + 8um) + 4δ² + 1e-36, which leaves room for its own rounding and for what underflows.
+//! * A sign is sure where the value is beyond the bound. Two sure signs that differ: out. Three sure and equal: in.
+//! * t = z / d_z with d_z in [1, 2). The f64 t lies within 2^-32 L of the exact plane's or is clamped to the triangle's slabs, so it is in
+//!   [min z, max z] / d_z up to δ: z is off by 2uL, its product with 1/d_z by another 2uL.
+//! * Where it is in, t = (U z0 + V z1 + W z2) / (S d_z), S = U + V + W. The three weights over S are off by 6B/|S| together; about the middle of the z, whose range is R, that
+//!   moves their mean by 3BR/|S|. The z are off by less than δ, and all this takes less than δ in rounding: 4B(R + 2δ)/|S| + 3δ in all.
+
+use super::lanes::Lanes;
+use super::tree::WIDTH;
+use crate::geometry::Prepared;
+
+/// Half an ulp of 1 in f32.
+const U: f64 = 1.0 / 16_777_216.0;
+
+/// A ray rounded to f32, with the bound of what rounding did.
+#[derive(Clone, Copy, Debug)]
+pub struct FilterRay {
+    /// kx, ky, kz.
+    axes: [usize; 3],
+    /// In the order of `axes`.
+    origin: [f32; 3],
+    shear: [f32; 2],
+    inverse_z: f32,
+    /// Bound of the error of any sheared coordinate, and of t.
+    delta: f32,
+}
+
+/// What f32 says of the eight triangles of a block.
+#[derive(Clone, Copy, Debug)]
+pub struct Judged {
+    /// A bit for each that the f64 test surely doesn't meet within the range.
+    pub out: u32,
+    /// The f64 edge test is surely passed; not where `out`.
+    pub inside: u32,
+    /// Bounds of t, in units of the scaled direction, where `inside`.
+    pub low: [f32; WIDTH],
+    pub high: [f32; WIDTH],
+}
+
+impl FilterRay {
+    /// `from` is the ray's origin, or a point of the ray that is off by at most `off`; t counts from there. `length` is L. `None` where f32 can't hold the
+    /// numbers: squares of coordinates must stay finite, and squares of δ above what underflows.
+    #[inline(always)]
+    pub fn new(ray: &Prepared, from: [f64; 3], length: f64, off: f64) -> Option<Self> {
+        let axes = [ray.kx, ray.ky, ray.kz];
+        (1e-10..1e17).contains(&length).then(|| FilterRay {
+            axes,
+            origin: axes.map(|axis| from[axis] as f32),
+            shear: [ray.shear_x as f32, ray.shear_y as f32],
+            inverse_z: (1.0 / ray.direction[ray.kz]) as f32,
+            delta: (9.0 * U * length + off) as f32,
+        })
+    }
+
+    /// Judges triangles `corners[vertex][axis][lane]`, aligned to 32 bytes, against hits from `t_min` (not above the true one) to `limit` (not below it).
+    ///
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    pub unsafe fn judge<L: Lanes>(&self, corners: &[[[f32; WIDTH]; 3]; 3], t_min: f32, limit: f32) -> Judged {
+        // SAFETY: corners are aligned as their block is; the rest is the caller's promise.
+        unsafe {
+            let [kx, ky, kz] = self.axes;
+            let corner = |vertex: usize, axis: usize| L::load(corners[vertex][axis].as_ptr());
+            let (ox, oy, oz) = (L::splat(self.origin[0]), L::splat(self.origin[1]), L::splat(self.origin[2]));
+            let (sx, sy) = (L::splat(self.shear[0]), L::splat(self.shear[1]));
+            let z = [corner(0, kz).sub(oz), corner(1, kz).sub(oz), corner(2, kz).sub(oz)];
+            let x = |v: usize| sx.neg_mul_add(z[v], corner(v, kx).sub(ox));
+            let y = |v: usize| sy.neg_mul_add(z[v], corner(v, ky).sub(oy));
+            let (ax, bx, cx) = (x(0), x(1), x(2));
+            let (ay, by, cy) = (y(0), y(1), y(2));
+            let u = cx.mul_sub(by, cy.mul(bx));
+            let v = ax.mul_sub(cy, ay.mul(cx));
+            let w = bx.mul_sub(ay, by.mul(ax));
+            let (least, most) = (u.min(v).min(w), u.max(v).max(w));
+            let m = ax.abs().max(ay.abs()).max(bx.abs().max(by.abs())).max(cx.abs().max(cy.abs()));
+            let linear = m.mul_add(L::splat((8.0 * U) as f32), L::splat(5.0 * self.delta));
+            let bound = m.mul_add(linear, L::splat(4.0 * self.delta * self.delta + 1e-36));
+            let zero = L::splat(0.0);
+            // The lesser of the two is large only if two signs differ for sure.
+            let apart = most.min(zero.sub(least)).gt(bound);
+            if apart == 0xff {
+                return Judged { out: apart, inside: 0, low: [0.0; WIDTH], high: [0.0; WIDTH] };
+            }
+            let (delta, iz) = (L::splat(self.delta), L::splat(self.inverse_z));
+            let t = z.map(|z| z.mul(iz));
+            let (first, last) = (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
+            let behind = first.sub(delta).gt(L::splat(limit));
+            let before = L::splat(t_min).gt(last.add(delta));
+            let out = apart | behind | before;
+            let inside = (least.gt(bound) | zero.sub(most).gt(bound)) & !out;
+            if inside == 0 {
+                return Judged { out, inside, low: [0.0; WIDTH], high: [0.0; WIDTH] };
+            }
+            let sum = u.add(v).add(w);
+            let mean = t[0].mul(u).add(t[1].mul(v)).add(t[2].mul(w)).div(sum);
+            let range = last.sub(first).add(delta).add(delta);
+            let off = bound.mul(range).mul(L::splat(4.0)).div(sum.abs()).add(delta.mul(L::splat(3.0)));
+            let low = mean.sub(off).max(first.sub(delta));
+            let high = mean.add(off).min(last.add(delta));
+            Judged { out, inside, low: low.to_array(), high: high.to_array() }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lanes::{Baseline, Level};
+    use super::super::tree::Block;
+    use super::*;
+    use crate::geometry::triangle::{barycentrics, intersect};
+    use crate::geometry::{NONE, Ray, round_down, round_up};
+    use bytemuck::Zeroable;
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    /// A small deterministic generator: millions of cases are wanted, not shrinking.
+    struct Numbers(u64);
+
+    impl Numbers {
+        fn next(&mut self) -> u64 {
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let x = self.0 ^ (self.0 >> 33);
+            x.wrapping_mul(0xff51_afd7_ed55_8ccd) >> 11
+        }
+
+        fn unit(&mut self) -> f64 {
+            self.next() as f64 / (1u64 << 53) as f64
+        }
+
+        fn signed(&mut self) -> f64 {
+            2.0 * self.unit() - 1.0
+        }
+
+        fn pick(&mut self, from: &[f64]) -> f64 {
+            from[self.next() as usize % from.len()]
+        }
+    }
+
+    /// A ray aimed near an edge, a vertex or the inside of a triangle that may be a sliver, far or tiny.
+    fn case(numbers: &mut Numbers) -> (Ray, [[f32; 3]; 3]) {
+        let size = numbers.pick(&[1.0, 1e-3, 1e-6]);
+        let center: [f64; 3] = std::array::from_fn(|_| numbers.signed());
+        let squash = numbers.pick(&[1.0, 1.0, 1e-4, 1e-7]);
+        let vertices: [[f32; 3]; 3] = std::array::from_fn(|_| {
+            std::array::from_fn(|axis| {
+                let stretch = if axis == 0 { squash } else { 1.0 };
+                (center[axis] + size * stretch * numbers.signed()) as f32
+            })
+        });
+        let (a, b) = (numbers.unit(), numbers.unit() * numbers.pick(&[0.0, 1.0, 1e-6]));
+        let weights = [a, (1.0 - a) * (1.0 - b), (1.0 - a) * b];
+        let near = numbers.pick(&[0.0, 1e-16, 1e-9, 1e-7, 1e-6, 1e-2]) * size;
+        let target: [f64; 3] = std::array::from_fn(|axis| {
+            let on: f64 = (0..3).map(|k| weights[k] * f64::from(vertices[k][axis])).sum();
+            on + near * numbers.signed()
+        });
+        let far = numbers.pick(&[1.0, 1.0, 30.0, 1e-2, 1e4]);
+        let origin: [f64; 3] =
+            std::array::from_fn(|axis| center[axis] * numbers.pick(&[0.0, 1.0]) + far * numbers.signed());
+        let mut direction = DVec3::from(target) - DVec3::from(origin);
+        if numbers.next().is_multiple_of(8) {
+            direction[numbers.next() as usize % 3] = 0.0;
+        }
+        let t_min = numbers.pick(&[0.0, 0.0, 0.999_999, 1.0]);
+        let t_max = numbers.pick(&[f64::INFINITY, f64::INFINITY, 1.0, 1.000_001]);
+        let origin = DVec3::from(origin);
+        (Ray { origin, direction, t_min, t_max, first_id: 0, start: NONE }, vertices)
+    }
+
+    /// How often the filter was sure, so that the test can't pass by being always unsure.
+    #[derive(Debug, Default)]
+    struct Tally {
+        cases: u32,
+        out: u32,
+        inside: u32,
+        unsure: u32,
+        /// Where inside: the bounds of t are closer than the triangle's own.
+        close: u32,
+    }
+
+    fn judge(level: Level, filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Judged {
+        #[cfg(target_arch = "x86_64")]
+        mod levels {
+            use super::super::super::lanes::{Avx2, Avx512};
+            use super::*;
+
+            #[target_feature(enable = "avx2,fma")]
+            pub unsafe fn avx2(filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Judged {
+                // SAFETY: the caller has asked whether the processor has them.
+                unsafe { filter.judge::<Avx2>(&block.corners, t_min, limit) }
+            }
+
+            #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
+            pub unsafe fn avx512(filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Judged {
+                // SAFETY: the caller has asked whether the processor has them.
+                unsafe { filter.judge::<Avx512>(&block.corners, t_min, limit) }
+            }
+        }
+        // SAFETY: only levels that the processor has are asked for.
+        unsafe {
+            match level {
+                #[cfg(target_arch = "x86_64")]
+                Level::Avx2 => levels::avx2(filter, block, t_min, limit),
+                #[cfg(target_arch = "x86_64")]
+                Level::Avx512 => levels::avx512(filter, block, t_min, limit),
+                _ => filter.judge::<Baseline>(&block.corners, t_min, limit),
+            }
+        }
+    }
+
+    fn levels() -> impl Iterator<Item = Level> {
+        Level::ALL.into_iter().filter(|level| level.is_available())
+    }
+
+    /// Eight triangles against a ray that is aimed at the first of them.
+    fn hunt(level: Level, seed: u64, cases: u32) -> Tally {
+        let (mut numbers, mut tally) = (Numbers(seed), Tally::default());
+        for _ in 0..cases {
+            let (ray, first) = case(&mut numbers);
+            if ray.direction == DVec3::ZERO {
+                continue;
+            }
+            let prepared = Prepared::new(&ray);
+            let length = prepared.origin.iter().fold(0.0, |m: f64, c| m.max(c.abs())) + 2.0;
+            let Some(filter) = FilterRay::new(&prepared, prepared.origin, length, 0.0) else { continue };
+            let mut block = Block::zeroed();
+            let triangles: [[[f32; 3]; 3]; WIDTH] =
+                std::array::from_fn(|lane| if lane == 0 { first } else { case(&mut numbers).1 });
+            for (lane, triangle) in triangles.iter().enumerate() {
+                for vertex in 0..3 {
+                    for axis in 0..3 {
+                        block.corners[vertex][axis][lane] = triangle[vertex][axis];
+                    }
+                }
+            }
+            let judged = judge(level, &filter, &block, round_down(prepared.t_min), round_up(prepared.t_max));
+            for (lane, triangle) in triangles.iter().enumerate() {
+                let (out, inside) = (judged.out >> lane & 1, judged.inside >> lane & 1);
+                let exact = triangle.map(|vertex| vertex.map(f64::from));
+                let hit = intersect(&prepared, &exact);
+                tally.cases += 1;
+                tally.out += out;
+                tally.inside += inside;
+                tally.unsure += u32::from(out == 0 && inside == 0);
+                assert!(
+                    !(out == 1 && hit.is_some_and(|hit| hit.t >= prepared.t_min && hit.t <= prepared.t_max)),
+                    "out, yet hit: {ray:?} {triangle:?}"
+                );
+                let Some(hit) = hit else {
+                    assert_eq!(inside, 0, "in, yet missed: {ray:?} {triangle:?}");
+                    continue;
+                };
+                if inside == 1 {
+                    let (low, high) = (f64::from(judged.low[lane]), f64::from(judged.high[lane]));
+                    assert!(
+                        low <= hit.t && hit.t <= high,
+                        "t {} not in {low}..{high}: {ray:?} {triangle:?}",
+                        hit.t
+                    );
+                    tally.close += u32::from(high - low < 1e-4 * length);
+                }
+                let [v, w] = barycentrics(&prepared, &exact, &hit);
+                assert!((0.0..=1.0).contains(&v) && (0.0..=1.0).contains(&w), "{v} {w}");
+            }
+        }
+        tally
+    }
+
+    #[test]
+    fn never_contradicts_the_f64_test() {
+        for level in levels() {
+            let tally = hunt(level, 1, 100_000);
+            assert!(tally.out > tally.cases / 20, "{tally:?}");
+            assert!(tally.inside > tally.cases / 500, "{tally:?}");
+            assert!(tally.unsure < tally.cases / 2, "{tally:?}");
+            assert!(tally.close > tally.inside * 3 / 4, "{tally:?}");
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(20))]
+        #[test]
+        fn never_contradicts_it_from_any_seed(seed in any::<u64>()) {
+            levels().for_each(|level| drop(hunt(level, seed, 3_000)));
+        }
+    }
+}
