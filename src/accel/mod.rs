@@ -9,7 +9,7 @@ use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
 use crate::settings::{AccelKind, BuildPreset};
 use wide::Wide;
-use wide::lanes::Level;
+use wide::level::Level;
 
 /// The structure that answers rays.
 #[derive(Clone, Debug)]

@@ -1,5 +1,6 @@
 //! The command line: flags in, validated settings out, one file per subcommand. Rank 0 alone reads and prints.
 
+mod bench;
 mod compare;
 mod info;
 mod manual;
@@ -48,6 +49,9 @@ enum Command {
     Probe(probe::Args),
     /// Try the tracer with aimed rays against exact arithmetic; exits with 1 if one answer is wrong.
     Stress(stress::Args),
+    /// Measure the tracer.
+    #[command(subcommand)]
+    Bench(bench::Command),
     /// Print a completion script for a shell.
     Completions(manual::CompletionArgs),
     /// Print the manual page, or write all pages into a folder.
@@ -99,6 +103,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Validate(args)) => validate::run(&args),
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Probe(args)) => probe::run(&args),
+        Some(Command::Bench(bench::Command::Kernels(args))) => bench::kernels(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
         Some(Command::Render(_) | Command::Stress(_)) | None => Ok(()),

@@ -4,6 +4,7 @@ pub mod aim;
 pub mod dyadic;
 mod footing;
 pub mod judge;
+pub mod kernels;
 pub mod ladder;
 pub mod meshes;
 pub mod probe;

@@ -3,7 +3,8 @@
 //! Built from obvhs's binary tree (PLOC, Meister and Bittner 2018, with reinsertion). Any number of threads builds the same tree.
 
 mod filter;
-pub mod lanes;
+mod lanes;
+pub mod level;
 pub mod tree;
 mod walk;
 
@@ -20,9 +21,11 @@ use crate::geometry::record::{Answer, RayRecord};
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 use crate::settings::BuildPreset;
-use lanes::{Baseline, Level};
+use lanes::Baseline;
+use level::Level;
 use tree::Tree;
-use walk::{Questions, Scratch, Walked};
+pub use walk::Questions;
+use walk::{Scratch, Walked};
 
 /// Bytes for each primitive while the tree is built: measured on terrains of 1 and 4 million triangles.
 pub const BYTES_TO_BUILD: u64 = 330;
@@ -83,7 +86,22 @@ impl Wide {
         self.answer(Level::chosen(), surfaces, records, answers);
     }
 
-    /// The least (t, primitive id) that each ray meets, or with `any` whether it meets anything: then a hit is primitive 0.
+    /// The least (t, primitive id) that each ray meets, or whether it meets anything: then a hit is primitive 0.
+    ///
+    /// # Panics
+    /// At a level that the processor lacks.
+    pub fn trace_at(
+        &self,
+        level: Level,
+        surfaces: &Surfaces,
+        questions: &(impl Questions + ?Sized),
+        answers: &mut [Answer],
+    ) {
+        assert!(level.is_available(), "{} isn't there", level.name());
+        self.answer(level, surfaces, questions, answers);
+    }
+
+    /// As [`trace_at`](Self::trace_at) for plain rays, of which all or none ask only whether there is `any` hit.
     pub fn trace_rays(
         &self,
         level: Level,
@@ -92,7 +110,7 @@ impl Wide {
         any: bool,
         answers: &mut [Answer],
     ) {
-        self.answer(level, surfaces, &(rays, any), answers);
+        self.trace_at(level, surfaces, &(rays, any), answers);
     }
 
     fn answer(
@@ -109,7 +127,7 @@ impl Wide {
         let extent = self.low.iter().chain(&self.high).fold(0.0, |m: f64, c| m.max(f64::from(c.abs())));
         let walked = Walked { tree: &self.tree, surfaces, extent, low: self.low, high: self.high };
         SCRATCH.with_borrow_mut(|scratch| {
-            // SAFETY: levels that the processor lacks are never chosen.
+            // SAFETY: levels that the processor lacks are never chosen, and refused above.
             unsafe {
                 match level {
                     Level::Baseline => walk::walk::<Baseline>(&walked, questions, answers, scratch),
