@@ -78,12 +78,6 @@ impl<'a> Tester<'a> {
         }
     }
 
-    /// Something is surely in the ray's range; t isn't known.
-    #[inline]
-    pub fn found_surely(&mut self, primitive: u32) {
-        self.primitive = primitive;
-    }
-
     #[inline]
     pub fn found(&self) -> bool {
         self.primitive != NONE

@@ -46,18 +46,23 @@ pub struct Judged {
 }
 
 impl FilterRay {
-    /// `from` is the ray's origin, or a point of the ray that is off by at most `off`; t counts from there. `length` is L. `None` where f32 can't hold the
-    /// numbers: squares of coordinates must stay finite, and squares of δ above what underflows.
+    /// Whether f32 can hold the numbers for this L: squares of coordinates must stay finite, and squares of δ above what underflows.
     #[inline(always)]
-    pub fn new(ray: &Prepared, from: [f64; 3], length: f64, off: f64) -> Option<Self> {
+    pub fn holds(length: f64) -> bool {
+        (1e-10..1e17).contains(&length)
+    }
+
+    /// `from` is the ray's origin, or a point of the ray that is off by at most `off`; t counts from there. `length` is L.
+    #[inline(always)]
+    pub fn new(ray: &Prepared, from: [f64; 3], length: f64, off: f64) -> Self {
         let axes = [ray.kx, ray.ky, ray.kz];
-        (1e-10..1e17).contains(&length).then(|| FilterRay {
+        FilterRay {
             axes,
-            origin: axes.map(|axis| from[axis] as f32),
+            origin: [from[ray.kx] as f32, from[ray.ky] as f32, from[ray.kz] as f32],
             shear: [ray.shear_x as f32, ray.shear_y as f32],
             inverse_z: (1.0 / ray.direction[ray.kz]) as f32,
             delta: (9.0 * U * length + off) as f32,
-        })
+        }
     }
 
     /// Judges triangles `corners[vertex][axis][lane]`, aligned to 32 bytes, against hits from `t_min` (not above the true one) to `limit` (not below it).
@@ -69,14 +74,19 @@ impl FilterRay {
         // SAFETY: corners are aligned as their block is; the rest is the caller's promise.
         unsafe {
             let [kx, ky, kz] = self.axes;
-            let corner = |vertex: usize, axis: usize| L::load(corners[vertex][axis].as_ptr());
+            // No closures: the compiler doesn't inline the instructions of a level into them.
+            let [first, second, third] = corners;
             let (ox, oy, oz) = (L::splat(self.origin[0]), L::splat(self.origin[1]), L::splat(self.origin[2]));
             let (sx, sy) = (L::splat(self.shear[0]), L::splat(self.shear[1]));
-            let z = [corner(0, kz).sub(oz), corner(1, kz).sub(oz), corner(2, kz).sub(oz)];
-            let x = |v: usize| sx.neg_mul_add(z[v], corner(v, kx).sub(ox));
-            let y = |v: usize| sy.neg_mul_add(z[v], corner(v, ky).sub(oy));
-            let (ax, bx, cx) = (x(0), x(1), x(2));
-            let (ay, by, cy) = (y(0), y(1), y(2));
+            let az = L::load(first[kz].as_ptr()).sub(oz);
+            let bz = L::load(second[kz].as_ptr()).sub(oz);
+            let cz = L::load(third[kz].as_ptr()).sub(oz);
+            let ax = sx.neg_mul_add(az, L::load(first[kx].as_ptr()).sub(ox));
+            let ay = sy.neg_mul_add(az, L::load(first[ky].as_ptr()).sub(oy));
+            let bx = sx.neg_mul_add(bz, L::load(second[kx].as_ptr()).sub(ox));
+            let by = sy.neg_mul_add(bz, L::load(second[ky].as_ptr()).sub(oy));
+            let cx = sx.neg_mul_add(cz, L::load(third[kx].as_ptr()).sub(ox));
+            let cy = sy.neg_mul_add(cz, L::load(third[ky].as_ptr()).sub(oy));
             let u = cx.mul_sub(by, cy.mul(bx));
             let v = ax.mul_sub(cy, ay.mul(cx));
             let w = bx.mul_sub(ay, by.mul(ax));
@@ -91,8 +101,8 @@ impl FilterRay {
                 return Judged { out: apart, inside: 0, low: [0.0; WIDTH], high: [0.0; WIDTH] };
             }
             let (delta, iz) = (L::splat(self.delta), L::splat(self.inverse_z));
-            let t = z.map(|z| z.mul(iz));
-            let (first, last) = (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
+            let (at, bt, ct) = (az.mul(iz), bz.mul(iz), cz.mul(iz));
+            let (first, last) = (at.min(bt).min(ct), at.max(bt).max(ct));
             let behind = first.sub(delta).gt(L::splat(limit));
             let before = L::splat(t_min).gt(last.add(delta));
             let out = apart | behind | before;
@@ -101,7 +111,7 @@ impl FilterRay {
                 return Judged { out, inside, low: [0.0; WIDTH], high: [0.0; WIDTH] };
             }
             let sum = u.add(v).add(w);
-            let mean = t[0].mul(u).add(t[1].mul(v)).add(t[2].mul(w)).div(sum);
+            let mean = at.mul(u).add(bt.mul(v)).add(ct.mul(w)).div(sum);
             let range = last.sub(first).add(delta).add(delta);
             let off = bound.mul(range).mul(L::splat(4.0)).div(sum.abs()).add(delta.mul(L::splat(3.0)));
             let low = mean.sub(off).max(first.sub(delta));
@@ -232,7 +242,10 @@ mod tests {
             }
             let prepared = Prepared::new(&ray);
             let length = prepared.origin.iter().fold(0.0, |m: f64, c| m.max(c.abs())) + 2.0;
-            let Some(filter) = FilterRay::new(&prepared, prepared.origin, length, 0.0) else { continue };
+            if !FilterRay::holds(length) {
+                continue;
+            }
+            let filter = FilterRay::new(&prepared, prepared.origin, length, 0.0);
             let mut block = Block::zeroed();
             let triangles: [[[f32; 3]; 3]; WIDTH] =
                 std::array::from_fn(|lane| if lane == 0 { first } else { case(&mut numbers).1 });

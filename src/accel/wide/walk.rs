@@ -5,17 +5,20 @@
 //! bounds overlap, f64 decides at once; else only of the last candidate, when the walk is over. Should it then contradict the bound (it
 //! never has), the ray is walked again without putting anything off.
 //!
-//! Boxes. u = 2^-24, L = |origin|∞ + extent. Slabs are (plane · inverse) - (origin ± 8uL) · inverse: rounding inverse, the product with the origin, and the result makes
-//! less than 4uL |inverse|, so entries are never late and exits never early. An inverse beyond 1e18 is cut to that: it only brings entries nearer.
+//! Boxes. u = 2^-24, L = |origin|∞ + extent. Slabs are (plane · inverse) - (origin ± 12uL) · inverse. In units of uL |inverse| the origin's rounding, its sum and product take 3,
+//! the result 2, and the inverse, the same in both terms and off by 2.5u of itself, 5: so entries are never late and exits never early. An inverse beyond 1e18 is cut to
+//! that: it only brings entries nearer.
 //! An origin far outside is first moved along the ray to the scene's box, in f64; all t of this file count from there.
+
+use std::mem::MaybeUninit;
 
 use super::filter::FilterRay;
 use super::lanes::Lanes;
-use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, Tree, WIDTH};
+use super::tree::{Block, EMPTY, LEAF, MOST_BLOCKS, Node, SPHERES, Tree};
 use crate::accel::tester::Tester;
 use crate::geometry::bounds::Slabs;
 use crate::geometry::record::{Answer, Query, RayRecord};
-use crate::geometry::{Ray, round_down, round_up};
+use crate::geometry::{Prepared, Ray, dot, round_down, round_up};
 use crate::scene::Surfaces;
 
 /// Rays in flight.
@@ -25,7 +28,7 @@ const FEW: u32 = 6;
 /// Half an ulp of 1 in f32.
 const U: f64 = 1.0 / 16_777_216.0;
 /// Cut of 1 / direction.
-const STEEPEST: f64 = 1e18;
+const STEEPEST: f32 = 1e18;
 /// An origin farther from the scene's box than this many of its sizes is moved.
 const NEAR_ENOUGH: f64 = 4.0;
 
@@ -71,15 +74,19 @@ impl Questions for (&[Ray], bool) {
 }
 
 /// One ray on its way.
-struct Flight<'a> {
-    tester: Tester<'a>,
+struct Flight {
     /// Which of the batch's rays it is.
     index: usize,
+    start: u32,
     any: bool,
     /// Whether decisions are put off.
     lazy: bool,
     /// Whether a bound was wrong, so that all is to be walked again.
     contradicted: bool,
+    /// Something is surely in the range of a ray that asks for no more.
+    found: bool,
+    /// Whether f32 can hold the filter's numbers.
+    filters: bool,
     candidate: Option<Candidate>,
     inverse: [f32; 3],
     /// The origin's products with `inverse`, for the nearer and the farther planes.
@@ -88,20 +95,37 @@ struct Flight<'a> {
     /// Rows of `Node::planes` that are entered and left by.
     near: [u8; 3],
     far: [u8; 3],
-    octant: usize,
-    /// Where t counts from.
-    moved: f64,
-    /// What rounding in moving t may take.
-    moved_off: f64,
+    octant: u8,
     t_min: f32,
     /// What is met after the first and up to the second is surely within the range.
     sure: [f32; 2],
     /// Nothing that is entered behind this is wanted.
     limit: f32,
-    /// `None` where f32 can't hold its numbers.
-    filter: Option<FilterRay>,
+    filter: FilterRay,
     current: u32,
     waiting: usize,
+    /// The least t decided, or the ray's end.
+    t_best: f64,
+    /// Where t counts from.
+    moved: f64,
+    /// What rounding in moving t may take.
+    moved_off: f64,
+}
+
+/// What decides for a ray in flight, made when it first has to.
+type Judge<'a> = Option<Tester<'a>>;
+
+/// The batch, and what its rays go through.
+struct Batch<'a, 'q, Q: ?Sized> {
+    walked: &'q Walked<'a>,
+    questions: &'q Q,
+}
+
+impl<'a, Q: Questions + ?Sized> Batch<'a, '_, Q> {
+    #[inline(never)]
+    fn judge(&self, index: usize) -> Tester<'a> {
+        Tester::new(self.walked.surfaces, &self.questions.question(index).0)
+    }
 }
 
 /// The stack of each ray in flight; kept between batches.
@@ -111,29 +135,26 @@ pub struct Scratch {
     t: Vec<f32>,
 }
 
-impl<'a> Flight<'a> {
-    /// `None` if the ray misses the scene's box.
+impl Flight {
     #[inline(always)]
-    fn new(walked: &Walked<'a>, ray: &Ray, any: bool, index: usize, lazy: bool) -> Option<Self> {
-        let tester = Tester::new(walked.surfaces, ray);
-        let prepared = &tester.ray;
-        let largest = |v: &[f64; 3]| v[0].abs().max(v[1].abs()).max(v[2].abs());
-        let away = largest(&prepared.origin);
-        let (mut moved, mut from) = (0.0, prepared.origin);
-        let entered = Slabs::new(prepared, walked.extent).enter(walked.low, walked.high, prepared.t_max)?;
+    fn new(walked: &Walked, ray: &Ray, any: bool, index: usize, lazy: bool) -> Self {
+        let prepared = Prepared::new(ray);
+        let away = largest(prepared.origin);
+        let (mut moved, mut moved_off, mut from) = (0.0, 0.0, prepared.origin);
         if away > NEAR_ENOUGH * walked.extent {
-            moved = entered;
-            from = std::array::from_fn(|axis| prepared.origin[axis] + moved * prepared.direction[axis]);
+            (moved, moved_off, from) = move_to_box(walked, &prepared, away);
         }
-        // Of a moved origin, and of t counted from there.
-        let moved_off = (away + moved.abs()) * (1.0 / (1u64 << 49) as f64);
-        let length = largest(&from) + walked.extent;
-        let pad = 8.0 * U * length + 2.0 * moved_off;
+        let length = largest(from) + walked.extent;
+        let pad = (12.0 * U * length + 2.0 * moved_off) as f32;
+        let filters = FilterRay::holds(length);
         let mut flight = Flight {
             index,
+            start: ray.start,
             any,
             lazy,
             contradicted: false,
+            found: false,
+            filters,
             candidate: None,
             inverse: [0.0; 3],
             near_origin: [0.0; 3],
@@ -141,37 +162,42 @@ impl<'a> Flight<'a> {
             near: [0; 3],
             far: [0; 3],
             octant: 0,
-            moved,
-            moved_off,
             t_min: round_down(prepared.t_min - moved - moved_off),
             sure: [round_up(prepared.t_min - moved + moved_off); 2],
             limit: 0.0,
-            filter: FilterRay::new(prepared, from, length, 2.0 * moved_off),
+            filter: FilterRay::new(&prepared, from, length, 2.0 * moved_off),
             current: 0,
             waiting: 0,
-            tester,
+            t_best: prepared.t_max,
+            moved,
+            moved_off,
         };
         for axis in 0..3 {
-            let direction = flight.tester.ray.direction[axis];
+            let direction = prepared.direction[axis];
             let backwards = direction.is_sign_negative();
-            let inverse =
-                if direction.abs() < 1.0 / STEEPEST { STEEPEST.copysign(direction) } else { 1.0 / direction };
-            let pad = if backwards { -pad } else { pad };
-            flight.inverse[axis] = inverse as f32;
-            flight.near_origin[axis] = ((from[axis] + pad) * inverse) as f32;
-            flight.far_origin[axis] = ((from[axis] - pad) * inverse) as f32;
+            let direction = direction as f32;
+            let inverse = if direction.abs() < 1.0 / STEEPEST {
+                if backwards { -STEEPEST } else { STEEPEST }
+            } else {
+                1.0 / direction
+            };
+            let (origin, pad) = (from[axis] as f32, if backwards { -pad } else { pad });
+            flight.inverse[axis] = inverse;
+            flight.near_origin[axis] = (origin + pad) * inverse;
+            flight.far_origin[axis] = (origin - pad) * inverse;
+            let lower = axis as u8;
             (flight.near[axis], flight.far[axis]) =
-                if backwards { (axis as u8 + 3, axis as u8) } else { (axis as u8, axis as u8 + 3) };
-            flight.octant |= usize::from(backwards) << axis;
+                if backwards { (lower + 3, lower) } else { (lower, lower + 3) };
+            flight.octant |= u8::from(backwards) << axis;
         }
         flight.set_limit();
-        Some(flight)
+        flight
     }
 
     /// The limit that the best decided hit sets.
     #[inline(always)]
     fn set_limit(&mut self) {
-        let t = self.tester.t_best - self.moved;
+        let t = self.t_best - self.moved;
         self.limit = round_up(t + self.moved_off);
         self.sure[1] = round_down(t - self.moved_off);
     }
@@ -182,19 +208,17 @@ impl<'a> Flight<'a> {
     /// The level's instructions are there; the stack has room for eight more.
     #[inline(always)]
     unsafe fn enter<L: Lanes>(&mut self, node: &Node, children: *mut u32, t: *mut f32) {
-        // SAFETY: the planes of a node are aligned as it is; the rest is the caller's promise.
+        // SAFETY: the caller's promise.
         unsafe {
-            let at = |row: u8, axis: usize, origin: &[f32; 3]| {
-                let planes = L::load(node.planes.as_ptr().cast::<f32>().add(usize::from(row) * WIDTH));
-                planes.mul_sub(L::splat(self.inverse[axis]), L::splat(origin[axis]))
-            };
-            let near = at(self.near[0], 0, &self.near_origin)
-                .max(at(self.near[1], 1, &self.near_origin))
-                .max(at(self.near[2], 2, &self.near_origin).max(L::splat(self.t_min)));
-            let far = at(self.far[0], 0, &self.far_origin)
-                .min(at(self.far[1], 1, &self.far_origin))
-                .min(at(self.far[2], 2, &self.far_origin).min(L::splat(self.limit)));
-            let order = node.order[self.octant];
+            let near = crossing::<L>(node, self.near[0], self.inverse[0], self.near_origin[0])
+                .max(crossing::<L>(node, self.near[1], self.inverse[1], self.near_origin[1]))
+                .max(crossing::<L>(node, self.near[2], self.inverse[2], self.near_origin[2]))
+                .max(L::splat(self.t_min));
+            let far = crossing::<L>(node, self.far[0], self.inverse[0], self.far_origin[0])
+                .min(crossing::<L>(node, self.far[1], self.inverse[1], self.far_origin[1]))
+                .min(crossing::<L>(node, self.far[2], self.inverse[2], self.far_origin[2]))
+                .min(L::splat(self.limit));
+            let order = *node.order.get_unchecked(usize::from(self.octant));
             let (to, t) = (children.add(self.waiting), t.add(self.waiting));
             self.waiting += near.pack(far, order, node.children.as_ptr(), to, t);
         }
@@ -223,19 +247,25 @@ impl<'a> Flight<'a> {
     /// # Safety
     /// The level's instructions are there.
     #[inline(always)]
-    unsafe fn visit<L: Lanes>(&mut self, tree: &Tree) -> bool {
-        let number = self.current >> 3 & (super::tree::MOST_BLOCKS as u32 - 1);
-        let block = &tree.blocks[number as usize];
+    unsafe fn visit<'a, L: Lanes>(
+        &mut self,
+        batch: &Batch<'a, '_, impl Questions + ?Sized>,
+        judge: &mut Judge<'a>,
+    ) -> bool {
+        let number = self.current >> 3 & (MOST_BLOCKS as u32 - 1);
+        let block = &batch.walked.tree.blocks[number as usize];
         let all = (2u32 << (self.current & 7)) - 1;
-        let filter = match &self.filter {
-            Some(filter) if self.current & SPHERES == 0 => filter,
-            _ => return self.decide(tree, block, all),
-        };
+        if self.current & SPHERES != 0 || !self.filters {
+            return self.decide(batch, judge, block, all);
+        }
         // SAFETY: the caller's promise.
-        let judged = unsafe { filter.judge::<L>(&block.corners, self.t_min, self.limit) };
+        let judged = unsafe { self.filter.judge::<L>(&block.corners, self.t_min, self.limit) };
         let open = all & !judged.out;
+        if open == 0 {
+            return false;
+        }
         if !self.lazy {
-            return self.decide(tree, block, open);
+            return self.decide(batch, judge, block, open);
         }
         let mut unsure = open & !judged.inside;
         let mut sure = open & judged.inside;
@@ -248,30 +278,29 @@ impl<'a> Flight<'a> {
             }
             let id = block.ids[lane as usize];
             // Where the ray starts, at the ends of its range and beside another candidate nothing is sure.
-            let in_range = id != self.tester.start && low > self.sure[0] && high < self.sure[1];
+            let in_range = id != self.start && low > self.sure[0] && high < self.sure[1];
             let apart = self.candidate.is_none_or(|other| high < other.low || other.high < low);
             if !in_range || !apart {
                 unsure |= 1 << lane;
             } else if self.any {
-                self.tester.found_surely(id);
+                self.found = true;
                 return true;
             } else if self.candidate.is_none_or(|other| high < other.low) {
                 self.candidate = Some(Candidate { block: number, lane, low, high });
                 self.limit = self.limit.min(high);
             }
         }
-        unsure != 0 && self.decide(tree, block, unsure)
+        unsure != 0 && self.decide(batch, judge, block, unsure)
     }
 
     /// Settles the candidate where what has been decided doesn't lie clear of it.
-    #[inline(always)]
-    fn reconcile(&mut self, tree: &Tree) {
+    fn reconcile<'a>(&mut self, batch: &Batch<'a, '_, impl Questions + ?Sized>, judge: &mut Judge<'a>) {
         if let Some(candidate) = self.candidate {
-            let decided = self.tester.t_best - self.moved;
+            let decided = self.t_best - self.moved;
             if decided + self.moved_off < f64::from(candidate.low) {
                 self.candidate = None;
             } else if decided - self.moved_off <= f64::from(candidate.high) {
-                self.settle(tree);
+                self.settle(batch, judge);
             }
         }
         let before = self.limit;
@@ -283,42 +312,85 @@ impl<'a> Flight<'a> {
 
     /// Decides the candidate.
     #[inline(never)]
-    fn settle(&mut self, tree: &Tree) {
+    fn settle<'a>(&mut self, batch: &Batch<'a, '_, impl Questions + ?Sized>, judge: &mut Judge<'a>) {
         let Some(candidate) = self.candidate.take() else { return };
-        let block = &tree.blocks[candidate.block as usize];
+        let block = &batch.walked.tree.blocks[candidate.block as usize];
         let lane = candidate.lane as usize;
-        let corners = corners(block, lane);
-        let hit = self.tester.meet(&corners);
+        let tester = judge.get_or_insert_with(|| batch.judge(self.index));
+        let hit = tester.meet(&corners(block, lane));
         let t = hit.as_ref().map(|hit| hit.t - self.moved);
         let off = self.moved_off;
         if !t.is_some_and(|t| t + off >= f64::from(candidate.low) && t - off <= f64::from(candidate.high)) {
             self.contradicted = true;
             return;
         }
-        self.tester.offer_hit(block.ids[lane], hit);
+        tester.offer_hit(block.ids[lane], hit);
+        self.t_best = tester.t_best;
     }
 
     /// Puts the lanes of `open` to the f64 test; whether the ray has found all that it asks.
-    #[inline(always)]
-    fn decide(&mut self, tree: &Tree, block: &Block, mut open: u32) -> bool {
-        let before = self.tester.t_best;
+    #[inline(never)]
+    fn decide<'a>(
+        &mut self,
+        batch: &Batch<'a, '_, impl Questions + ?Sized>,
+        judge: &mut Judge<'a>,
+        block: &Block,
+        mut open: u32,
+    ) -> bool {
+        let tester = judge.get_or_insert_with(|| batch.judge(self.index));
         while open != 0 {
             let lane = open.trailing_zeros() as usize;
             open &= open - 1;
             let id = block.ids[lane];
-            if (id as usize) < self.tester.surfaces.triangles.len() {
-                self.tester.test_corners(id, &corners(block, lane));
+            if self.current & SPHERES == 0 {
+                tester.test_corners(id, &corners(block, lane));
             } else {
-                self.tester.test(id);
+                tester.test(id);
             }
-            if self.any && self.tester.found() {
+            if self.any && tester.found() {
                 return true;
             }
         }
-        if self.tester.t_best < before {
-            self.reconcile(tree);
+        if tester.t_best < self.t_best {
+            self.t_best = tester.t_best;
+            self.reconcile(batch, judge);
         }
         false
+    }
+
+    fn answer(&self, judge: &Judge) -> Answer {
+        match judge {
+            _ if self.found => Answer { primitive: 0, ..Answer::MISS },
+            Some(tester) => tester.verdict(self.any),
+            None => Answer::MISS,
+        }
+    }
+}
+
+fn largest(v: [f64; 3]) -> f64 {
+    v[0].abs().max(v[1].abs()).max(v[2].abs())
+}
+
+/// Where a ray from far outside comes to the scene's box: how far along, what rounding takes at most, and the point. A ray that misses the box is left where it
+/// passes it by.
+#[cold]
+fn move_to_box(walked: &Walked, ray: &Prepared, away: f64) -> (f64, f64, [f64; 3]) {
+    let entered = Slabs::new(ray, walked.extent).enter(walked.low, walked.high, ray.t_max);
+    let moved = entered.unwrap_or(-dot(ray.origin, ray.direction) / dot(ray.direction, ray.direction));
+    let from = std::array::from_fn(|axis| ray.origin[axis] + moved * ray.direction[axis]);
+    (moved, (away + moved.abs()) * (1.0 / (1u64 << 49) as f64), from)
+}
+
+/// Where a ray crosses a row of eight planes. No closure: the compiler doesn't inline the instructions of a level into one.
+///
+/// # Safety
+/// The level's instructions are there.
+#[inline(always)]
+unsafe fn crossing<L: Lanes>(node: &Node, row: u8, inverse: f32, origin: f32) -> L {
+    // SAFETY: a node's planes are aligned as it is; rows are 0 to 5.
+    unsafe {
+        L::load(node.planes.get_unchecked(usize::from(row)).as_ptr())
+            .mul_sub(L::splat(inverse), L::splat(origin))
     }
 }
 
@@ -345,66 +417,64 @@ pub unsafe fn walk<'a, L: Lanes>(
     }
     let (stacks, ts) = (scratch.children.as_mut_ptr(), scratch.t.as_mut_ptr());
     let tree = walked.tree;
-    let mut flights: [Option<Flight<'a>>; FLIGHT] = [const { None }; FLIGHT];
-    let mut taken = 0;
-    let (mut at_nodes, mut at_leaves) = (0u32, 0u32);
-    // Takes the next ray that meets the scene's box.
-    let mut take = |answers: &mut [Answer]| {
-        while taken < answers.len() {
-            let index = taken;
-            taken += 1;
-            let (ray, any) = questions.question(index);
-            match Flight::new(walked, &ray, any, index, true) {
-                Some(flight) => return Some(flight),
-                None => answers[index] = Answer::MISS,
-            }
-        }
-        None
-    };
-    for (lane, place) in flights.iter_mut().enumerate() {
-        *place = take(answers);
-        at_nodes |= u32::from(place.is_some()) << lane;
+    let batch = Batch { walked, questions };
+    let mut flights: [MaybeUninit<Flight>; FLIGHT] = [const { MaybeUninit::uninit() }; FLIGHT];
+    let mut judges: [Judge<'a>; FLIGHT] = [const { None }; FLIGHT];
+    let mut taken = answers.len().min(FLIGHT);
+    for (index, flight) in flights[..taken].iter_mut().enumerate() {
+        let (ray, any) = questions.question(index);
+        flight.write(Flight::new(walked, &ray, any, index, true));
     }
+    // All begin at the root, which is a node.
+    let (mut at_nodes, mut at_leaves) = ((1u32 << taken) - 1, 0u32);
     while at_nodes | at_leaves != 0 {
         let leaves = at_nodes == 0 || (at_leaves != 0 && at_nodes.count_ones() <= FEW);
         let mut turn = if leaves { at_leaves } else { at_nodes };
         while turn != 0 {
             let lane = turn.trailing_zeros() as usize;
             turn &= turn - 1;
-            let Some(flight) = &mut flights[lane] else { continue };
-            // SAFETY: each lane has `size` places, more than the deepest walk takes and eight to spare; `current` names a node or block of the
-            // tree, as all children do; the level's instructions are the caller's promise.
-            let goes_on = unsafe {
+            let bit = 1u32 << lane;
+            at_nodes &= !bit;
+            at_leaves &= !bit;
+            // SAFETY: lanes at nodes or leaves hold a flight; each lane has `size` places, more than the deepest walk takes and eight to spare; `current` names a
+            // node or block of the tree, as all children do; the level's instructions are the caller's promise.
+            let (flight, goes_on) = unsafe {
+                let flight = flights.get_unchecked_mut(lane).assume_init_mut();
                 let (children, t) = (stacks.add(lane * size), ts.add(lane * size));
                 let done = if leaves {
-                    flight.visit::<L>(tree)
+                    flight.visit::<L>(&batch, judges.get_unchecked_mut(lane))
                 } else {
                     flight.enter::<L>(tree.nodes.get_unchecked(flight.current as usize), children, t);
                     false
                 };
-                !done && flight.next(children, t)
+                let goes_on = !done && flight.next(children, t);
+                (flight, goes_on)
             };
             if !goes_on {
+                let judge = &mut judges[lane];
                 if flight.candidate.is_some() {
-                    flight.settle(tree);
+                    flight.settle(&batch, judge);
                 }
-                let (index, any) = (flight.index, flight.any);
-                if flight.contradicted {
-                    flights[lane] = Flight::new(walked, &questions.question(index).0, any, index, false);
+                let (index, lazy) = if flight.contradicted {
+                    (flight.index, false)
                 } else {
-                    answers[index] = flight.tester.verdict(any);
-                    flights[lane] = take(answers);
+                    answers[flight.index] = flight.answer(judge);
+                    taken += 1;
+                    (taken - 1, true)
+                };
+                *judge = None;
+                if index >= answers.len() {
+                    continue;
                 }
+                let (ray, any) = questions.question(index);
+                *flight = Flight::new(walked, &ray, any, index, lazy);
             }
-            let (node_bit, bit) = match &flights[lane] {
-                None => (0, 0),
-                Some(flight) => {
-                    prefetch(tree, flight.current);
-                    (u32::from(flight.current & LEAF == 0) << lane, 1u32 << lane)
-                }
-            };
-            at_nodes = at_nodes & !(1 << lane) | node_bit;
-            at_leaves = at_leaves & !(1 << lane) | (bit & !node_bit);
+            prefetch(tree, flight.current);
+            if flight.current & LEAF == 0 {
+                at_nodes |= bit;
+            } else {
+                at_leaves |= bit;
+            }
         }
     }
 }
@@ -418,7 +488,7 @@ fn prefetch(tree: &Tree, child: u32) {
         let (from, bytes): (*const i8, usize) = if child & LEAF == 0 {
             (tree.nodes.as_ptr().wrapping_add(child as usize).cast(), size_of::<Node>())
         } else {
-            let number = child >> 3 & (super::tree::MOST_BLOCKS as u32 - 1);
+            let number = child >> 3 & (MOST_BLOCKS as u32 - 1);
             (tree.blocks.as_ptr().wrapping_add(number as usize).cast(), size_of::<Block>())
         };
         for line in (0..bytes).step_by(64) {
