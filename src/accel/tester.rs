@@ -20,6 +20,7 @@ pub struct Tester<'a> {
 }
 
 impl<'a> Tester<'a> {
+    #[inline]
     pub fn new(surfaces: &'a Surfaces, ray: &Ray) -> Self {
         let prepared = Prepared::new(ray);
         let start_triangle = ((ray.start as usize) < surfaces.triangles.len())
@@ -144,5 +145,11 @@ impl<'a> Tester<'a> {
 
 #[inline]
 fn corners(surfaces: &Surfaces, primitive: u32) -> [[f64; 3]; 3] {
-    surfaces.triangle(primitive).map(|vertex| vertex.map(f64::from))
+    let [a, b, c] = surfaces.triangle(primitive);
+    [widened(a), widened(b), widened(c)]
+}
+
+#[inline]
+fn widened(v: [f32; 3]) -> [f64; 3] {
+    [f64::from(v[0]), f64::from(v[1]), f64::from(v[2])]
 }

@@ -54,10 +54,10 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    #[inline]
+    #[inline(always)]
     pub fn new(ray: &Ray) -> Self {
         let d = ray.direction.to_array();
-        let magnitude = d.map(f64::abs);
+        let magnitude = [d[0].abs(), d[1].abs(), d[2].abs()];
         let kz = if magnitude[0] > magnitude[1] {
             if magnitude[0] > magnitude[2] { 0 } else { 2 }
         } else if magnitude[1] > magnitude[2] {
@@ -67,7 +67,7 @@ impl Prepared {
         };
         let (kx, ky) = ((kz + 1) % 3, (kz + 2) % 3);
         let (scale, inverse) = normalising_power(magnitude[kz]);
-        let direction = d.map(|c| c * scale);
+        let direction = [d[0] * scale, d[1] * scale, d[2] * scale];
         Prepared {
             origin: ray.origin.to_array(),
             direction,

@@ -106,6 +106,7 @@ impl RayRecord {
         Self::ORIGINS[usize::from(self.made_by)]
     }
 
+    #[inline]
     pub fn ray(&self) -> Ray {
         Ray {
             origin: DVec3::from(self.origin),

@@ -35,7 +35,8 @@ impl Sheared {
     #[inline]
     pub fn new(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Self {
         let (kx, ky, kz) = (ray.kx, ray.ky, ray.kz);
-        let [a, b, c] = vertices.map(|v| sub(v, ray.origin));
+        let [a, b, c] =
+            [sub(vertices[0], ray.origin), sub(vertices[1], ray.origin), sub(vertices[2], ray.origin)];
         let (ax, ay) = (a[kx] - ray.shear_x * a[kz], a[ky] - ray.shear_y * a[kz]);
         let (bx, by) = (b[kx] - ray.shear_x * b[kz], b[ky] - ray.shear_y * b[kz]);
         let (cx, cy) = (c[kx] - ray.shear_x * c[kz], c[ky] - ray.shear_y * c[kz]);

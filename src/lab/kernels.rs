@@ -72,12 +72,12 @@ struct Asked<'a> {
 impl Questions for Asked<'_> {
     #[inline(always)]
     fn question(&self, index: usize) -> (Ray, bool) {
-        let [x, y, z, t_min, dx, dy, dz, t_max] = self.rays[index].map(f64::from);
+        let [x, y, z, t_min, dx, dy, dz, t_max] = self.rays[index];
         let ray = Ray {
-            origin: self.frame.to_stored(DVec3::new(x, y, z)),
-            direction: DVec3::new(dx, dy, dz),
-            t_min: t_min * self.frame.scale,
-            t_max: t_max * self.frame.scale,
+            origin: self.frame.to_stored(DVec3::new(f64::from(x), f64::from(y), f64::from(z))),
+            direction: DVec3::new(f64::from(dx), f64::from(dy), f64::from(dz)),
+            t_min: f64::from(t_min) * self.frame.scale,
+            t_max: f64::from(t_max) * self.frame.scale,
             first_id: 0,
             start: NONE,
         };

@@ -52,6 +52,7 @@ impl Frame {
     }
 
     /// A world-space point in stored space.
+    #[inline]
     pub fn to_stored(&self, point: DVec3) -> DVec3 {
         (point - self.shift) * self.scale
     }

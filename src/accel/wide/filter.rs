@@ -116,6 +116,9 @@ impl FilterRay {
             let off = bound.mul(range).mul(L::splat(4.0)).div(sum.abs()).add(delta.mul(L::splat(3.0)));
             let low = mean.sub(off).max(first.sub(delta));
             let high = mean.add(off).min(last.add(delta));
+            // Such as what a ray has just left.
+            let passed = inside & (L::splat(t_min).gt(high) | low.gt(L::splat(limit)));
+            let (out, inside) = (out | passed, inside & !passed);
             Judged { out, inside, low: low.to_array(), high: high.to_array() }
         }
     }

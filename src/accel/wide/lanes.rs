@@ -44,11 +44,15 @@ pub unsafe trait Lanes: Copy {
 #[derive(Clone, Copy)]
 pub struct Baseline([f32; 8]);
 
-impl Baseline {
-    #[inline(always)]
-    fn map2(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        Baseline(std::array::from_fn(|k| f(self.0[k], other.0[k])))
-    }
+/// A loop over the lanes: the compiler makes vectors of it, but not of closures.
+macro_rules! each_lane {
+    ($lane:ident => $value:expr) => {{
+        let mut result = [0.0; 8];
+        for $lane in 0..8 {
+            result[$lane] = $value;
+        }
+        Baseline(result)
+    }};
 }
 
 // SAFETY: needs no instructions beyond the architecture's own.
@@ -64,47 +68,51 @@ unsafe impl Lanes for Baseline {
     }
     #[inline(always)]
     unsafe fn add(self, other: Self) -> Self {
-        self.map2(other, |a, b| a + b)
+        each_lane!(k => self.0[k] + other.0[k])
     }
     #[inline(always)]
     unsafe fn sub(self, other: Self) -> Self {
-        self.map2(other, |a, b| a - b)
+        each_lane!(k => self.0[k] - other.0[k])
     }
     #[inline(always)]
     unsafe fn mul(self, other: Self) -> Self {
-        self.map2(other, |a, b| a * b)
+        each_lane!(k => self.0[k] * other.0[k])
     }
     #[inline(always)]
     unsafe fn div(self, other: Self) -> Self {
-        self.map2(other, |a, b| a / b)
+        each_lane!(k => self.0[k] / other.0[k])
     }
     #[inline(always)]
     unsafe fn min(self, other: Self) -> Self {
-        self.map2(other, |a, b| if a < b { a } else { b })
+        each_lane!(k => if self.0[k] < other.0[k] { self.0[k] } else { other.0[k] })
     }
     #[inline(always)]
     unsafe fn max(self, other: Self) -> Self {
-        self.map2(other, |a, b| if a > b { a } else { b })
+        each_lane!(k => if self.0[k] > other.0[k] { self.0[k] } else { other.0[k] })
     }
     #[inline(always)]
     unsafe fn abs(self) -> Self {
-        Baseline(self.0.map(f32::abs))
+        each_lane!(k => self.0[k].abs())
     }
     #[inline(always)]
     unsafe fn mul_add(self, b: Self, c: Self) -> Self {
-        self.map2(b, |a, b| a * b).map2(c, |ab, c| ab + c)
+        each_lane!(k => self.0[k] * b.0[k] + c.0[k])
     }
     #[inline(always)]
     unsafe fn mul_sub(self, b: Self, c: Self) -> Self {
-        self.map2(b, |a, b| a * b).map2(c, |ab, c| ab - c)
+        each_lane!(k => self.0[k] * b.0[k] - c.0[k])
     }
     #[inline(always)]
     unsafe fn neg_mul_add(self, b: Self, c: Self) -> Self {
-        self.map2(b, |a, b| a * b).map2(c, |ab, c| c - ab)
+        each_lane!(k => c.0[k] - self.0[k] * b.0[k])
     }
     #[inline(always)]
     unsafe fn gt(self, other: Self) -> u32 {
-        (0..8).fold(0, |mask, k| mask | u32::from(self.0[k] > other.0[k]) << k)
+        let mut mask = 0;
+        for k in 0..8 {
+            mask |= u32::from(self.0[k] > other.0[k]) << k;
+        }
+        mask
     }
     #[inline(always)]
     unsafe fn to_array(self) -> [f32; 8] {

@@ -14,7 +14,7 @@ use std::mem::MaybeUninit;
 
 use super::filter::FilterRay;
 use super::lanes::Lanes;
-use super::tree::{Block, EMPTY, LEAF, MOST_BLOCKS, Node, SPHERES, Tree};
+use super::tree::{Block, EMPTY, LEAF, MOST_BLOCKS, Node, SPHERES, Tree, WIDTH};
 use crate::accel::tester::Tester;
 use crate::geometry::bounds::Slabs;
 use crate::geometry::record::{Answer, Query, RayRecord};
@@ -162,8 +162,8 @@ impl Flight {
             near: [0; 3],
             far: [0; 3],
             octant: 0,
-            t_min: round_down(prepared.t_min - moved - moved_off),
-            sure: [round_up(prepared.t_min - moved + moved_off); 2],
+            t_min: 0.0,
+            sure: [0.0; 2],
             limit: 0.0,
             filter: FilterRay::new(&prepared, from, length, 2.0 * moved_off),
             current: 0,
@@ -190,6 +190,10 @@ impl Flight {
                 if backwards { (lower + 3, lower) } else { (lower, lower + 3) };
             flight.octant |= u8::from(backwards) << axis;
         }
+        if prepared.t_min != 0.0 || moved != 0.0 {
+            flight.t_min = round_down(prepared.t_min - moved - moved_off);
+            flight.sure[0] = round_up(prepared.t_min - moved + moved_off);
+        }
         flight.set_limit();
         flight
     }
@@ -197,6 +201,10 @@ impl Flight {
     /// The limit that the best decided hit sets.
     #[inline(always)]
     fn set_limit(&mut self) {
+        if self.t_best == f64::INFINITY {
+            (self.limit, self.sure[1]) = (f32::INFINITY, f32::INFINITY);
+            return;
+        }
         let t = self.t_best - self.moved;
         self.limit = round_up(t + self.moved_off);
         self.sure[1] = round_down(t - self.moved_off);
@@ -273,12 +281,13 @@ impl Flight {
             let lane = sure.trailing_zeros();
             sure &= sure - 1;
             let (low, high) = (judged.low[lane as usize], judged.high[lane as usize]);
-            if low > self.limit {
+            let id = block.ids[lane as usize];
+            // A candidate may have come since the block was judged.
+            if low > self.limit || id == self.start {
                 continue;
             }
-            let id = block.ids[lane as usize];
-            // Where the ray starts, at the ends of its range and beside another candidate nothing is sure.
-            let in_range = id != self.start && low > self.sure[0] && high < self.sure[1];
+            // At the ends of the ray's range and beside another candidate nothing is sure.
+            let in_range = low > self.sure[0] && high < self.sure[1];
             let apart = self.candidate.is_none_or(|other| high < other.low || other.high < low);
             if !in_range || !apart {
                 unsure |= 1 << lane;
@@ -396,7 +405,13 @@ unsafe fn crossing<L: Lanes>(node: &Node, row: u8, inverse: f32, origin: f32) ->
 
 #[inline(always)]
 fn corners(block: &Block, lane: usize) -> [[f64; 3]; 3] {
-    std::array::from_fn(|vertex| std::array::from_fn(|axis| f64::from(block.corners[vertex][axis][lane])))
+    let mut corners = [[0.0; 3]; 3];
+    for vertex in 0..3 {
+        for axis in 0..3 {
+            corners[vertex][axis] = f64::from(block.corners[vertex][axis][lane & (WIDTH - 1)]);
+        }
+    }
+    corners
 }
 
 /// Answers all records, in their order.
