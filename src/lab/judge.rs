@@ -243,9 +243,12 @@ impl Court {
     ///
     /// What folds back onto itself there, so that a ray enters and leaves at once, encloses nothing: its edges are rounded one by one, and may part.
     fn late_all_around(&self, ray: &ExactRay, aside: &Aside, found: Found) -> bool {
-        let t = found.map_or(f64::INFINITY, |(_, t)| t);
         let distance = self.referee.aside(ray);
         let reach = |meeting: &Meeting| meeting.uncertainty() + (aside.slack + distance) * meeting.steepness;
+        // What was found may itself have been seen from as far aside.
+        let t = found.map_or(f64::INFINITY, |(primitive, t)| {
+            t - self.referee.meeting(ray, primitive, aside.slack).as_ref().map_or(0.0, reach)
+        });
         let before = |ray: &ExactRay| {
             let mut before = self.referee.meetings(ray);
             before.retain(|meeting| {

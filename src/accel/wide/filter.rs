@@ -4,7 +4,7 @@
 //!
 //! * Rounding the origin costs u|o|, the difference v − o another u(|v| + |o|), so the moved vertices are off by at most 2uL. The shear
 //!   (|s| <= 1) adds to x: u for rounding s, 2u from z, u for the product, 2u for the difference; fused, less. In all |x̃ − x| < 8uL; `delta` δ = 9uL, and more by
-//!   what moving the origin along the ray has cost. What the f64 test itself rounds is 2^-29 of that and lies within the rest.
+//!   what moving the origin along the ray has cost; the bound of t then grows by what the f64 test loses over the way. What the f64 test itself rounds is 2^-29 of that and lies within the rest.
 //! * An edge function of coordinates of magnitude at most m, each off by δ: 4mδ + 2δ² from the inputs, 4um² from two products
 //!   and a difference. `bound` = B = m(5δ + 8um) + 4δ² + 1e-36, which leaves room for its own rounding and for what underflows.
 //! * A sign is sure where the value is beyond the bound. Two sure signs that differ: out. Three sure and equal: in.
@@ -29,8 +29,10 @@ pub struct FilterRay {
     origin: [f32; 3],
     shear: [f32; 2],
     inverse_z: f32,
-    /// Bound of the error of any sheared coordinate, and of t.
+    /// Bound of the error of any sheared coordinate.
     delta: f32,
+    /// Bound of the error of t.
+    t_delta: f32,
 }
 
 /// What f32 says of the eight triangles of a block.
@@ -52,9 +54,10 @@ impl FilterRay {
         (1e-10..1e17).contains(&length)
     }
 
-    /// `from` is the ray's origin, or a point of the ray that is off by at most `off`; t counts from there. `length` is L.
+    /// `from` is the ray's origin, or a point of the ray that is off by at most `off`; t counts from there, and the f64 test's own is off by at most `t_off` then.
+    /// `length` is L.
     #[inline(always)]
-    pub fn new(ray: &Prepared, from: [f64; 3], length: f64, off: f64) -> Self {
+    pub fn new(ray: &Prepared, from: [f64; 3], length: f64, off: f64, t_off: f64) -> Self {
         let axes = [ray.kx, ray.ky, ray.kz];
         FilterRay {
             axes,
@@ -62,6 +65,7 @@ impl FilterRay {
             shear: [ray.shear_x as f32, ray.shear_y as f32],
             inverse_z: (1.0 / ray.direction[ray.kz]) as f32,
             delta: (9.0 * U * length + off) as f32,
+            t_delta: (9.0 * U * length + off + t_off) as f32,
         }
     }
 
@@ -100,7 +104,7 @@ impl FilterRay {
             if apart == 0xff {
                 return Judged { out: apart, inside: 0, low: [0.0; WIDTH], high: [0.0; WIDTH] };
             }
-            let (delta, iz) = (L::splat(self.delta), L::splat(self.inverse_z));
+            let (delta, iz) = (L::splat(self.t_delta), L::splat(self.inverse_z));
             let (at, bt, ct) = (az.mul(iz), bz.mul(iz), cz.mul(iz));
             let (first, last) = (at.min(bt).min(ct), at.max(bt).max(ct));
             let behind = first.sub(delta).gt(L::splat(limit));
@@ -248,7 +252,7 @@ mod tests {
             if !FilterRay::holds(length) {
                 continue;
             }
-            let filter = FilterRay::new(&prepared, prepared.origin, length, 0.0);
+            let filter = FilterRay::new(&prepared, prepared.origin, length, 0.0, 0.0);
             let mut block = Block::zeroed();
             let triangles: [[[f32; 3]; 3]; WIDTH] =
                 std::array::from_fn(|lane| if lane == 0 { first } else { case(&mut numbers).1 });

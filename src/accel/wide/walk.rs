@@ -108,7 +108,7 @@ struct Flight {
     t_best: f64,
     /// Where t counts from.
     moved: f64,
-    /// What rounding in moving t may take.
+    /// How far off the t of a decision may be, of an origin that was moved.
     moved_off: f64,
 }
 
@@ -165,7 +165,7 @@ impl Flight {
             t_min: 0.0,
             sure: [0.0; 2],
             limit: 0.0,
-            filter: FilterRay::new(&prepared, from, length, 2.0 * moved_off),
+            filter: FilterRay::new(&prepared, from, length, moved_off, moved_off),
             current: 0,
             waiting: 0,
             t_best: prepared.t_max,
@@ -380,14 +380,15 @@ fn largest(v: [f64; 3]) -> f64 {
     v[0].abs().max(v[1].abs()).max(v[2].abs())
 }
 
-/// Where a ray from far outside comes to the scene's box: how far along, what rounding takes at most, and the point. A ray that misses the box is left where it
+/// Where a ray from far outside comes to the scene's box: how far along, how far off the t of a decision may be, and the point. A ray that misses the box is left where it
 /// passes it by.
 #[cold]
 fn move_to_box(walked: &Walked, ray: &Prepared, away: f64) -> (f64, f64, [f64; 3]) {
     let entered = Slabs::new(ray, walked.extent).enter(walked.low, walked.high, ray.t_max);
     let moved = entered.unwrap_or(-dot(ray.origin, ray.direction) / dot(ray.direction, ray.direction));
     let from = std::array::from_fn(|axis| ray.origin[axis] + moved * ray.direction[axis]);
-    (moved, (away + moved.abs()) * (1.0 / (1u64 << 49) as f64), from)
+    // Rounding the point takes far less than the decision's t may be off: twice what `triangle::GRAZING` derives.
+    (moved, (away + walked.extent) * (1.0 / (1u64 << 31) as f64), from)
 }
 
 /// Where a ray crosses a row of eight planes. No closure: the compiler doesn't inline the instructions of a level into one.
