@@ -357,6 +357,50 @@ fn the_ladder_shows_what_digits_buy() {
 }
 
 #[test]
+fn every_level_of_instructions_renders_the_same_and_an_unknown_one_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |level: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_heliostat"));
+        command.current_dir(folder.path()).env("HELIOSTAT_SIMD", level);
+        command.args(["render", &scene("teapot.toml"), "--width", "64", "-q", "-o", "teapot.pfm"]);
+        command.output().expect("the program starts")
+    };
+    let image = |level: &str| {
+        let output = render(level);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        std::fs::read(folder.path().join("teapot.pfm")).unwrap()
+    };
+    let baseline = image("baseline");
+    assert_eq!(image("avx2"), baseline);
+    assert_eq!(image("avx512"), baseline);
+    let refused = render("avx1024");
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("HELIOSTAT_SIMD"), "{}", text(&refused.stderr));
+}
+
+#[test]
+fn bench_kernels_writes_rays_and_traces_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let spheres = scene("orthographic.toml");
+    let output = heliostat(folder.path(), &["bench", "kernels", &spheres, "--write-rays", "rays"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    for (class, kind) in [("prim", "closest"), ("shad", "occluded"), ("diff", "closest"), ("rand", "closest")]
+    {
+        let rays = format!("rays/orthographic.{class}.rays");
+        let flags = [
+            "bench", "kernels", "--mesh", &spheres, "--rays", &rays, "--kind", kind, "--rounds", "1",
+            "--json",
+        ];
+        let output = heliostat(folder.path(), &flags);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let row: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert!(row["mrays"].as_f64().unwrap() > 0.0 && row["hits"].as_u64().unwrap() > 0, "{row}");
+    }
+    refuses(&["bench", "kernels"], 2, &["SCENE"]);
+    refuses(&["bench", "kernels", "none.tri"], 1, &["none.tri"]);
+}
+
+#[test]
 fn stress_refuses_what_it_cannot_do() {
     refuses(&["stress", "--rays", "0"], 2, &["--rays", "1 to 1e15"]);
     refuses(&["stress", "--rays", "many"], 2, &["--rays", "1e6"]);

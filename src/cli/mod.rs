@@ -19,6 +19,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use serde::{Deserialize, Serialize};
 
 use crate::accel::Accel;
+use crate::accel::wide::level::{LEVEL_VARIABLE, Level};
 use crate::cluster::{self, Comm, share};
 use crate::error::{Error, Result};
 use crate::scene::Surfaces;
@@ -74,6 +75,7 @@ pub fn main() -> ExitCode {
 fn run(comm: &dyn Comm) -> Result<()> {
     // Rank 0 reads the flags; the others follow.
     let command = share::outcome(comm, parse)?;
+    check_level()?;
     let collective = share::computed(comm, || {
         Ok(match command {
             Some(Command::Render(_)) => Collective::Render,
@@ -108,6 +110,19 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
         Some(Command::Render(_) | Command::Stress(_)) | None => Ok(()),
     })
+}
+
+/// Whether this rank's level of instructions, if it is forced, is one.
+fn check_level() -> Result<()> {
+    match std::env::var(LEVEL_VARIABLE) {
+        Ok(name) if !name.is_empty() => match Level::named(&name) {
+            Ok(_) => Ok(()),
+            Err(what) => {
+                Err(Error::usage(LEVEL_VARIABLE, what, "give baseline, avx2 or avx512, or leave it unset"))
+            }
+        },
+        _ => Ok(()),
+    }
 }
 
 /// The command that was asked for; `None` if help or version were, which are printed here.

@@ -1,6 +1,6 @@
 //! How many rays the kernels trace in a second: classes of rays over a scene, or rays from a file.
 //!
-//! A `.rays` file holds f32[8] for each ray, little endian: origin, t_min, direction, t_max, in world space. A `.tri` mesh holds u32 vertices, u32 triangles, f32 x y z for
+//! A `.rays` file holds eight f32 for each ray, little endian: origin, t_min, direction, t_max, in world space. A `.tri` mesh holds u32 vertices, u32 triangles, f32 x y z for
 //! each vertex, u32 a b c for each triangle.
 
 use std::path::Path;

@@ -27,8 +27,8 @@ use tree::Tree;
 pub use walk::Questions;
 use walk::{Scratch, Walked};
 
-/// Bytes for each primitive while the tree is built: measured on terrains of 1 and 4 million triangles.
-pub const BYTES_TO_BUILD: u64 = 330;
+/// Bytes for each primitive while the tree is built: 345 were measured on a terrain of 4.2 million triangles, 283 on 1.9 million triangles of spheres.
+pub const BYTES_TO_BUILD: u64 = 360;
 
 /// The tree and where it lies.
 #[derive(Clone, Debug, Default)]
