@@ -260,7 +260,12 @@ impl Court {
             before
         };
         let rings: Vec<Vec<Meeting>> = ray.ring(distance).map(|moved| before(&moved)).collect();
+        let all_near = self.referee.near(ray);
         before(ray).iter().any(|place| {
+            // The way in may lie on a triangle that is seen edge-on: its t can be anything up to the answer's.
+            if all_near.iter().any(|thin| !thin.surely && thin.spans(place.t, t, reach(thin))) {
+                return false;
+            }
             let near =
                 |meeting: &Meeting| (meeting.t - place.t).abs() <= 4.0 * (reach(meeting) + reach(place));
             rings.iter().all(|ring| ring.iter().filter(|m| near(m)).map(Meeting::side).sum::<i32>() != 0)

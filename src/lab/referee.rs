@@ -110,6 +110,12 @@ impl Meeting {
             || (self.level && self.slab[0] <= t && t <= self.slab[1])
     }
 
+    /// Whether a line within the bound may meet it as early as `first` and another as late as `last`: it is seen nearly edge-on. `reach` bounds the error of t.
+    pub fn spans(&self, first: f64, last: f64, reach: f64) -> bool {
+        let covers = |low: f64, high: f64| low <= first && high >= last;
+        covers(self.t - reach, self.t + reach) || (self.level && covers(self.slab[0], self.slab[1]))
+    }
+
     /// Whether it is too near to the origin to tell that it lies ahead.
     pub fn optional(&self) -> bool {
         self.t.is_nan() || self.t <= self.uncertainty()
@@ -218,6 +224,15 @@ impl Referee {
             if met {
                 found.extend(Some(self.measure(ray, primitive, true, surely, 0.0)).filter(|found| found.met));
             }
+        });
+        found
+    }
+
+    /// All triangles that the ray's line meets or passes within the bound, ahead of the origin or not far behind.
+    pub fn near(&self, ray: &ExactRay) -> Vec<Meeting> {
+        let mut found = Vec::new();
+        self.tree.near_line(ray.near_origin, ray.forward, 2.0 * self.aside(ray), |primitive| {
+            found.extend(self.meeting(ray, primitive, 0.0));
         });
         found
     }
