@@ -8,9 +8,9 @@ mod common;
 use std::collections::BTreeMap;
 use std::process::{Command, ExitCode};
 
-use common::{fingerprint, name, scenes, small_work};
+use common::{fingerprint, name, render, scenes, small_work};
 use heliostat::cluster::share::Share;
-use heliostat::cluster::{self, Comm, Solo};
+use heliostat::cluster::{self, Comm};
 use heliostat::error::Result;
 use heliostat::job::{self, Crew, Work};
 use heliostat::output::progress::ProgressKind;
@@ -68,16 +68,7 @@ fn compare_launches() {
     let mut alone = BTreeMap::new();
     for scene in scenes() {
         let work = small_work(&scene, AccelKind::Bvh);
-        let pool = job::thread_pool(2).unwrap();
-        let progress = ProgressKind::None.start();
-        let crew = Crew {
-            comm: &Solo::new(),
-            pool: &pool,
-            wide: &pool,
-            timeline: &Timeline::off(),
-            progress: &*progress,
-        };
-        let image = job::render(&crew, &work, &mut RankStats::default()).unwrap().expect("rank 0");
+        let image = render(&work, 2);
         for way in 0..WAYS.len() {
             alone.insert(format!("{} {way}", name(&scene)), fingerprint(&image));
         }

@@ -4,28 +4,10 @@ mod common;
 
 use std::path::PathBuf;
 
-use common::{fingerprint, name, repository, scenes, small_work};
-use heliostat::cluster::Solo;
+use common::{fingerprint, name, render, repository, scenes, small_work};
 use heliostat::image::Image;
-use heliostat::job::{self, Crew, Work};
-use heliostat::output::progress::ProgressKind;
-use heliostat::output::stats::RankStats;
-use heliostat::output::timeline::Timeline;
 use heliostat::output::write::{Format, WriteOptions, encode};
 use heliostat::settings::{AccelKind, Crop};
-
-fn render(work: &Work, threads: usize) -> Image {
-    let pool = job::thread_pool(threads).unwrap();
-    let progress = ProgressKind::None.start();
-    let crew = Crew {
-        comm: &Solo::new(),
-        pool: &pool,
-        wide: &pool,
-        timeline: &Timeline::off(),
-        progress: &*progress,
-    };
-    job::render(&crew, work, &mut RankStats::default()).unwrap().expect("rank 0")
-}
 
 #[test]
 fn threads_and_tiles_change_nothing() {

@@ -126,6 +126,12 @@ pub(crate) fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+/// Largest magnitude.
+#[inline]
+pub(crate) fn norm_max(a: [f64; 3]) -> f64 {
+    a[0].abs().max(a[1].abs()).max(a[2].abs())
+}
+
 /// Sum of magnitudes.
 #[inline]
 pub(crate) fn norm1(a: [f64; 3]) -> f64 {

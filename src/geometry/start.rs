@@ -16,7 +16,7 @@
 
 use super::triangle::{Sheared, TriangleHit, clamp_to_slabs, meet_plane};
 use super::twofold::{Twofold, differences, twofold_cross, twofold_dot};
-use super::{Prepared, cross, dot, sub};
+use super::{Prepared, cross, dot, norm_max, sub};
 
 /// How far the computed start may lie off the true surface, relative to the largest coordinate, u = 2^-53. The point is a sum of three
 /// products with weights that sum to 1, each step rounded (below 5 u); a plane's equation adds its normal (8 u), products and sums (6 u), and a difference (2 u).
@@ -42,7 +42,7 @@ impl Start {
     /// `origin` is the computed start.
     #[inline]
     pub fn new(vertices: [[f64; 3]; 3], origin: [f64; 3]) -> Self {
-        let reach = vertices.iter().fold(largest(origin), |m, &v| m.max(largest(v)));
+        let reach = vertices.iter().fold(norm_max(origin), |m, &v| m.max(norm_max(v)));
         Start { vertices, origin, reach }
     }
 
@@ -52,11 +52,11 @@ impl Start {
         let mut settled = None;
         for k in 0..3 {
             let (p, q) = (other[(k + 1) % 3], other[(k + 2) % 3]);
-            let reach = self.reach.max(largest(p)).max(largest(q));
+            let reach = self.reach.max(norm_max(p)).max(norm_max(q));
             if sheared.weights[k].abs() <= sheared.doubt(k, RADIUS * reach) {
                 // Sheared, d is the z axis: (p × q)·d = d_z (p × q)_z, which the weights have with the opposite sign.
                 sheared.weights[k] = -self.edge(ray, p, q) / ray.direction[ray.kz];
-                settled = Some(4.0 * FARTHEST * self.reach.max(largest(other[k])).max(reach));
+                settled = Some(4.0 * FARTHEST * self.reach.max(norm_max(other[k])).max(reach));
             }
         }
         let crossed = match settled {
@@ -145,10 +145,6 @@ impl Start {
             });
         sum.value()
     }
-}
-
-fn largest(v: [f64; 3]) -> f64 {
-    v[0].abs().max(v[1].abs()).max(v[2].abs())
 }
 
 fn largest_on_axes(at_least: [f64; 3], vertices: &[[f64; 3]; 3]) -> [f64; 3] {

@@ -5,7 +5,7 @@
 //! equation, since interpolating it over a sliver's edge functions loses all digits.
 
 use super::twofold::{Twofold, differences, twofold_cross, twofold_dot};
-use super::{Prepared, cross, dot, norm1, sub};
+use super::{Prepared, cross, dot, norm_max, norm1, sub};
 
 /// Where |n·d| is at most this times |e1|₁|e2|₁, t is computed with twice the digits and clamped to the triangle's own slab interval.
 ///
@@ -128,8 +128,7 @@ fn grazing_t(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> f64 {
 /// lies within those of all boxes that hold the triangle, which `bounds` pads by far more.
 #[cold]
 pub(super) fn clamp_to_slabs(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64) -> f64 {
-    let largest = |v: &[f64; 3]| v[0].abs().max(v[1].abs()).max(v[2].abs());
-    let reach = largest(&ray.origin) + vertices.iter().map(largest).fold(0.0, f64::max);
+    let reach = norm_max(ray.origin) + vertices.iter().map(|&v| norm_max(v)).fold(0.0, f64::max);
     let wider = 32.0 * (f64::EPSILON / 2.0) * reach;
     let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {

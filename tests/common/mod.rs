@@ -4,8 +4,12 @@
 use std::path::{Path, PathBuf};
 
 use heliostat::accel::Accel;
+use heliostat::cluster::Solo;
 use heliostat::image::Image;
-use heliostat::job::Work;
+use heliostat::job::{self, Crew, Work};
+use heliostat::output::progress::ProgressKind;
+use heliostat::output::stats::RankStats;
+use heliostat::output::timeline::Timeline;
 use heliostat::scene::load;
 use heliostat::settings::{AccelKind, BuildPreset, Crop, ImageSettings, RunSettings};
 
@@ -22,6 +26,20 @@ pub fn shared_data() -> Option<PathBuf> {
         return None;
     }
     Some(folder)
+}
+
+/// Renders in this process alone.
+pub fn render(work: &Work, threads: usize) -> Image {
+    let pool = job::thread_pool(threads).unwrap();
+    let progress = ProgressKind::None.start();
+    let crew = Crew {
+        comm: &Solo::new(),
+        pool: &pool,
+        wide: &pool,
+        timeline: &Timeline::off(),
+        progress: &*progress,
+    };
+    job::render(&crew, work, &mut RankStats::default()).unwrap().expect("rank 0")
 }
 
 /// Every scene of the repository, in order of name.

@@ -18,7 +18,7 @@ use super::tree::WIDTH;
 use crate::geometry::Prepared;
 
 /// Half an ulp of 1 in f32.
-const U: f64 = 1.0 / 16_777_216.0;
+pub const U: f64 = 1.0 / 16_777_216.0;
 
 /// A ray rounded to f32, with the bound of what rounding did.
 #[derive(Clone, Copy, Debug)]

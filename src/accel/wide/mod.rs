@@ -308,7 +308,7 @@ mod tests {
                     waiting.push((child, below, above));
                     continue;
                 }
-                let block = &wide.tree.blocks[(child >> 3) as usize & (tree::MOST_BLOCKS - 1)];
+                let block = &wide.tree.blocks[tree::block_number(child) as usize];
                 for &id in &block.ids[..(child & 7) as usize + 1] {
                     seen[id as usize] += 1;
                     let corners = surfaces.triangle(id);

@@ -17,6 +17,12 @@ pub const EMPTY: u32 = u32::MAX;
 /// Blocks that a child can name.
 pub const MOST_BLOCKS: usize = 1 << 27;
 
+/// The number of the block that a leaf child names.
+#[inline(always)]
+pub fn block_number(child: u32) -> u32 {
+    child >> 3 & (MOST_BLOCKS as u32 - 1)
+}
+
 /// Eight boxes with what is in them.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]

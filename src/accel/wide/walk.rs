@@ -12,21 +12,19 @@
 
 use std::mem::MaybeUninit;
 
-use super::filter::FilterRay;
+use super::filter::{FilterRay, U};
 use super::lanes::Lanes;
-use super::tree::{Block, EMPTY, LEAF, MOST_BLOCKS, Node, SPHERES, Tree, WIDTH};
+use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, Tree, WIDTH, block_number};
 use crate::accel::tester::Tester;
 use crate::geometry::bounds::Slabs;
 use crate::geometry::record::{Answer, Query, RayRecord};
-use crate::geometry::{Prepared, Ray, dot, round_down, round_up};
+use crate::geometry::{Prepared, Ray, dot, norm_max, round_down, round_up};
 use crate::scene::Surfaces;
 
 /// Rays in flight.
 pub const FLIGHT: usize = 24;
 /// Rays at nodes are stepped as long as there are more of them than this; then those at leaves.
 const FEW: u32 = 6;
-/// Half an ulp of 1 in f32.
-const U: f64 = 1.0 / 16_777_216.0;
 /// Cut of 1 / direction.
 const STEEPEST: f32 = 1e18;
 /// An origin farther from the scene's box than this many of its sizes is moved.
@@ -139,12 +137,12 @@ impl Flight {
     #[inline(always)]
     fn new(walked: &Walked, ray: &Ray, any: bool, index: usize, lazy: bool) -> Self {
         let prepared = Prepared::new(ray);
-        let away = largest(prepared.origin);
+        let away = norm_max(prepared.origin);
         let (mut moved, mut moved_off, mut from) = (0.0, 0.0, prepared.origin);
         if away > NEAR_ENOUGH * walked.extent {
             (moved, moved_off, from) = move_to_box(walked, &prepared, away);
         }
-        let length = largest(from) + walked.extent;
+        let length = norm_max(from) + walked.extent;
         let pad = (12.0 * U * length + 2.0 * moved_off) as f32;
         let filters = FilterRay::holds(length);
         let mut flight = Flight {
@@ -260,7 +258,7 @@ impl Flight {
         batch: &Batch<'a, '_, impl Questions + ?Sized>,
         judge: &mut Judge<'a>,
     ) -> bool {
-        let number = self.current >> 3 & (MOST_BLOCKS as u32 - 1);
+        let number = block_number(self.current);
         let block = &batch.walked.tree.blocks[number as usize];
         let all = (2u32 << (self.current & 7)) - 1;
         if self.current & SPHERES != 0 || !self.filters {
@@ -374,10 +372,6 @@ impl Flight {
             None => Answer::MISS,
         }
     }
-}
-
-fn largest(v: [f64; 3]) -> f64 {
-    v[0].abs().max(v[1].abs()).max(v[2].abs())
 }
 
 /// Where a ray from far outside comes to the scene's box: how far along, how far off the t of a decision may be, and the point. A ray that misses the box is left where it
@@ -504,7 +498,7 @@ fn prefetch(tree: &Tree, child: u32) {
         let (from, bytes): (*const i8, usize) = if child & LEAF == 0 {
             (tree.nodes.as_ptr().wrapping_add(child as usize).cast(), size_of::<Node>())
         } else {
-            let number = child >> 3 & (MOST_BLOCKS as u32 - 1);
+            let number = block_number(child);
             (tree.blocks.as_ptr().wrapping_add(number as usize).cast(), size_of::<Block>())
         };
         for line in (0..bytes).step_by(64) {
