@@ -6,6 +6,19 @@ use crate::geometry::triangle::{self, TriangleHit};
 use crate::geometry::{NONE, Prepared, Ray, sphere};
 use crate::scene::Surfaces;
 
+/// A decided hit.
+#[derive(Clone, Copy, Debug)]
+pub struct Best {
+    /// In units of the scaled direction.
+    pub t: f64,
+    weights: [f64; 3],
+    primitive: u32,
+}
+
+impl Best {
+    pub const NONE: Best = Best { t: f64::INFINITY, weights: [0.0; 3], primitive: NONE };
+}
+
 /// A ray on its way through the primitives, with the best hit so far.
 pub struct Tester<'a> {
     pub surfaces: &'a Surfaces,
@@ -34,6 +47,16 @@ impl<'a> Tester<'a> {
             primitive: NONE,
             weights: [0.0; 3],
         }
+    }
+
+    /// Goes on from what was decided before.
+    pub fn resume(&mut self, best: &Best) {
+        (self.t_best, self.primitive, self.weights) = (best.t, best.primitive, best.weights);
+    }
+
+    /// The best hit so far.
+    pub fn best(&self) -> Best {
+        Best { t: self.t_best, weights: self.weights, primitive: self.primitive }
     }
 
     /// Tests one primitive.

@@ -20,7 +20,7 @@ use super::{Prepared, cross, dot, norm_max, sub};
 
 /// How far the computed start may lie off the true surface, relative to the largest coordinate, u = 2^-53. The point is a sum of three
 /// products with weights that sum to 1, each step rounded (below 5 u); a plane's equation adds its normal (8 u), products and sums (6 u), and a difference (2 u).
-const RADIUS: f64 = 32.0 * (f64::EPSILON / 2.0);
+pub const RADIUS: f64 = 32.0 * (f64::EPSILON / 2.0);
 
 /// How far the weights may be raised, over the largest coordinate: an eighth of what `bounds` pads boxes by.
 const FARTHEST: f64 = 1.0 / 17_179_869_184.0;

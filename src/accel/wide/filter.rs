@@ -1,4 +1,5 @@
-//! An f32 filter in front of the f64 decision of `geometry::triangle`, for eight triangles at once: surely out, surely in at a t within bounds, or unsure.
+//! An f32 filter in front of the f64 decision of `geometry::triangle`, for a ray and eight triangles or for a triangle and many rays: surely out, surely in at a t
+//! within bounds, or unsure.
 //!
 //! It never contradicts `triangle::intersect`; what it is unsure of, that must decide. The bounds, with u = 2^-24 and L = |origin|∞ + max|vertex|∞:
 //!
@@ -13,129 +14,161 @@
 //! * Where it is in, t = (U z0 + V z1 + W z2) / (S d_z), S = U + V + W. The three weights over S are off by 6B/|S| together; about the middle of the z, whose range is R, that
 //!   moves their mean by 3BR/|S|. The z are off by less than δ, and all this takes less than δ in rounding: 4B(R + 2δ)/|S| + 3δ in all.
 
-use super::lanes::Lanes;
+use super::lanes::{Eight, Vector};
 use super::tree::WIDTH;
-use crate::geometry::Prepared;
 
 /// Half an ulp of 1 in f32.
 pub const U: f64 = 1.0 / 16_777_216.0;
 
-/// A ray rounded to f32, with the bound of what rounding did.
-#[derive(Clone, Copy, Debug)]
-pub struct FilterRay {
-    /// kx, ky, kz.
-    axes: [usize; 3],
-    /// In the order of `axes`.
-    origin: [f32; 3],
-    shear: [f32; 2],
-    inverse_z: f32,
-    /// Bound of the error of any sheared coordinate.
-    delta: f32,
-    /// Bound of the error of t.
-    t_delta: f32,
+/// Whether f32 can hold the numbers for this L: squares of coordinates must stay finite, and squares of δ above what underflows.
+#[inline(always)]
+pub fn holds(length: f64) -> bool {
+    (1e-10..1e17).contains(&length)
 }
 
-/// What f32 says of the eight triangles of a block.
+/// Bounds of the error of any sheared coordinate, and of t. `length` is L; the origin is off by at most `off`, and the f64 test's own t by at most `t_off`.
+#[inline(always)]
+pub fn deltas(length: f64, off: f64, t_off: f64) -> (f32, f32) {
+    let delta = 9.0 * U * length + off;
+    (delta as f32, (delta + t_off) as f32)
+}
+
+/// Rays rounded to f32, side by side, with the bounds of what rounding did. Components are in the order kx, ky, kz.
 #[derive(Clone, Copy, Debug)]
-pub struct Judged {
+pub struct Rays<V> {
+    pub origin: [V; 3],
+    pub shear: [V; 2],
+    pub inverse_z: V,
+    pub delta: V,
+    pub t_delta: V,
+    /// Not above the true one.
+    pub t_min: V,
+    /// Hits beyond it aren't wanted; not below where that is true.
+    pub limit: V,
+}
+
+/// What f32 says of rays and triangles side by side.
+#[derive(Clone, Copy, Debug)]
+pub struct Judged<V> {
     /// A bit for each that the f64 test surely doesn't meet within the range.
     pub out: u32,
     /// The f64 edge test is surely passed; not where `out`.
     pub inside: u32,
     /// Bounds of t, in units of the scaled direction, where `inside`.
-    pub low: [f32; WIDTH],
-    pub high: [f32; WIDTH],
+    pub low: V,
+    pub high: V,
 }
 
-impl FilterRay {
-    /// Whether f32 can hold the numbers for this L: squares of coordinates must stay finite, and squares of δ above what underflows.
-    #[inline(always)]
-    pub fn holds(length: f64) -> bool {
-        (1e-10..1e17).contains(&length)
-    }
-
-    /// `from` is the ray's origin, or a point of the ray that is off by at most `off`; t counts from there, and the f64 test's own is off by at most `t_off` then.
-    /// `length` is L.
-    #[inline(always)]
-    pub fn new(ray: &Prepared, from: [f64; 3], length: f64, off: f64, t_off: f64) -> Self {
-        let axes = [ray.kx, ray.ky, ray.kz];
-        FilterRay {
-            axes,
-            origin: [from[ray.kx] as f32, from[ray.ky] as f32, from[ray.kz] as f32],
-            shear: [ray.shear_x as f32, ray.shear_y as f32],
-            inverse_z: (1.0 / ray.direction[ray.kz]) as f32,
-            delta: (9.0 * U * length + off) as f32,
-            t_delta: (9.0 * U * length + off + t_off) as f32,
-        }
-    }
-
-    /// Judges triangles `corners[vertex][axis][lane]`, aligned to 32 bytes, against hits from `t_min` (not above the true one) to `limit` (not below it).
+impl<V: Vector> Rays<V> {
+    /// Judges each ray and the triangle `corners[vertex][component]` beside it; lanes that aren't `wanted` may be given any answer.
     ///
     /// # Safety
     /// The level's instructions are there.
     #[inline(always)]
-    pub unsafe fn judge<L: Lanes>(&self, corners: &[[[f32; WIDTH]; 3]; 3], t_min: f32, limit: f32) -> Judged {
-        // SAFETY: corners are aligned as their block is; the rest is the caller's promise.
+    pub unsafe fn judge(&self, corners: &[[V; 3]; 3], wanted: u32) -> Judged<V> {
+        // SAFETY: the caller's promise.
         unsafe {
-            let [kx, ky, kz] = self.axes;
-            // No closures: the compiler doesn't inline the instructions of a level into them.
-            let [first, second, third] = corners;
-            let (ox, oy, oz) = (L::splat(self.origin[0]), L::splat(self.origin[1]), L::splat(self.origin[2]));
-            let (sx, sy) = (L::splat(self.shear[0]), L::splat(self.shear[1]));
-            let az = L::load(first[kz].as_ptr()).sub(oz);
-            let bz = L::load(second[kz].as_ptr()).sub(oz);
-            let cz = L::load(third[kz].as_ptr()).sub(oz);
-            let ax = sx.neg_mul_add(az, L::load(first[kx].as_ptr()).sub(ox));
-            let ay = sy.neg_mul_add(az, L::load(first[ky].as_ptr()).sub(oy));
-            let bx = sx.neg_mul_add(bz, L::load(second[kx].as_ptr()).sub(ox));
-            let by = sy.neg_mul_add(bz, L::load(second[ky].as_ptr()).sub(oy));
-            let cx = sx.neg_mul_add(cz, L::load(third[kx].as_ptr()).sub(ox));
-            let cy = sy.neg_mul_add(cz, L::load(third[ky].as_ptr()).sub(oy));
+            // No closures: the compiler doesn't always inline the instructions of a level into them.
+            let [[ax, ay, az], [bx, by, bz], [cx, cy, cz]] = *corners;
+            let ([ox, oy, oz], [sx, sy], zero) = (self.origin, self.shear, V::splat(0.0));
+            let (az, bz, cz) = (az.sub(oz), bz.sub(oz), cz.sub(oz));
+            let (ax, ay) = (sx.neg_mul_add(az, ax.sub(ox)), sy.neg_mul_add(az, ay.sub(oy)));
+            let (bx, by) = (sx.neg_mul_add(bz, bx.sub(ox)), sy.neg_mul_add(bz, by.sub(oy)));
+            let (cx, cy) = (sx.neg_mul_add(cz, cx.sub(ox)), sy.neg_mul_add(cz, cy.sub(oy)));
             let u = cx.mul_sub(by, cy.mul(bx));
             let v = ax.mul_sub(cy, ay.mul(cx));
             let w = bx.mul_sub(ay, by.mul(ax));
             let (least, most) = (u.min(v).min(w), u.max(v).max(w));
-            let m = ax.abs().max(ay.abs()).max(bx.abs().max(by.abs())).max(cx.abs().max(cy.abs()));
-            let linear = m.mul_add(L::splat((8.0 * U) as f32), L::splat(5.0 * self.delta));
-            let bound = m.mul_add(linear, L::splat(4.0 * self.delta * self.delta + 1e-36));
-            let zero = L::splat(0.0);
+            let m = ax.max_abs(ay).max_abs(bx.max_abs(by)).max_abs(cx.max_abs(cy));
+            let linear = m.mul_add(V::splat((8.0 * U) as f32), V::splat(5.0).mul(self.delta));
+            let squared = self.delta.mul(self.delta).mul_add(V::splat(4.0), V::splat(1e-36));
+            let bound = m.mul_add(linear, squared);
             // The lesser of the two is large only if two signs differ for sure.
             let apart = most.min(zero.sub(least)).gt(bound);
-            if apart == 0xff {
-                return Judged { out: apart, inside: 0, low: [0.0; WIDTH], high: [0.0; WIDTH] };
+            if apart & wanted == wanted {
+                return Judged { out: apart, inside: 0, low: zero, high: zero };
             }
-            let (delta, iz) = (L::splat(self.t_delta), L::splat(self.inverse_z));
+            let (delta, iz) = (self.t_delta, self.inverse_z);
             let (at, bt, ct) = (az.mul(iz), bz.mul(iz), cz.mul(iz));
             let (first, last) = (at.min(bt).min(ct), at.max(bt).max(ct));
-            let behind = first.sub(delta).gt(L::splat(limit));
-            let before = L::splat(t_min).gt(last.add(delta));
+            let behind = first.sub(delta).gt(self.limit);
+            let before = self.t_min.gt(last.add(delta));
             let out = apart | behind | before;
             let inside = (least.gt(bound) | zero.sub(most).gt(bound)) & !out;
-            if inside == 0 {
-                return Judged { out, inside, low: [0.0; WIDTH], high: [0.0; WIDTH] };
+            if inside & wanted == 0 {
+                return Judged { out, inside: 0, low: zero, high: zero };
             }
             let sum = u.add(v).add(w);
-            let mean = at.mul(u).add(bt.mul(v)).add(ct.mul(w)).div(sum);
+            let over = V::splat(1.0).div(sum);
+            let mean = at.mul(u).add(bt.mul(v)).add(ct.mul(w)).mul(over);
             let range = last.sub(first).add(delta).add(delta);
-            let off = bound.mul(range).mul(L::splat(4.0)).div(sum.abs()).add(delta.mul(L::splat(3.0)));
+            let off = bound.mul(range).mul(V::splat(4.0)).mul(over.abs()).add(delta.mul(V::splat(3.0)));
             let low = mean.sub(off).max(first.sub(delta));
             let high = mean.add(off).min(last.add(delta));
             // Such as what a ray has just left.
-            let passed = inside & (L::splat(t_min).gt(high) | low.gt(L::splat(limit)));
-            let (out, inside) = (out | passed, inside & !passed);
-            Judged { out, inside, low: low.to_array(), high: high.to_array() }
+            let passed = inside & (self.t_min.gt(high) | low.gt(self.limit));
+            Judged { out: out | passed, inside: inside & !passed, low, high }
+        }
+    }
+}
+
+/// One ray rounded to f32.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FilterRay {
+    /// kx, ky, kz.
+    pub axes: [u8; 3],
+    /// In the order of `axes`.
+    pub origin: [f32; 3],
+    pub shear: [f32; 2],
+    pub inverse_z: f32,
+    pub delta: f32,
+    pub t_delta: f32,
+}
+
+impl FilterRay {
+    /// Judges triangles `corners[vertex][axis][lane]`, aligned to 32 bytes, against hits from `t_min` to `limit`.
+    ///
+    /// # Safety
+    /// The level's instructions are there; `axes` are below 3.
+    #[inline(always)]
+    pub unsafe fn judge<E: Eight>(
+        &self,
+        corners: &[[[f32; WIDTH]; 3]; 3],
+        t_min: f32,
+        limit: f32,
+        wanted: u32,
+    ) -> Judged<E> {
+        // SAFETY: corners are aligned as their block is; the rest is the caller's promise.
+        unsafe {
+            let rays = Rays {
+                origin: [E::splat(self.origin[0]), E::splat(self.origin[1]), E::splat(self.origin[2])],
+                shear: [E::splat(self.shear[0]), E::splat(self.shear[1])],
+                inverse_z: E::splat(self.inverse_z),
+                delta: E::splat(self.delta),
+                t_delta: E::splat(self.t_delta),
+                t_min: E::splat(t_min),
+                limit: E::splat(limit),
+            };
+            let mut sides = [[rays.t_min; 3]; 3];
+            for vertex in 0..3 {
+                for component in 0..3 {
+                    let axis = usize::from(self.axes[component]);
+                    sides[vertex][component] = E::load(corners[vertex].get_unchecked(axis).as_ptr());
+                }
+            }
+            rays.judge(&sides, wanted)
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::lanes::Baseline;
+    use super::super::lanes::Plain;
     use super::super::level::Level;
     use super::super::tree::Block;
     use super::*;
     use crate::geometry::triangle::{barycentrics, intersect};
-    use crate::geometry::{NONE, Ray, round_down, round_up};
+    use crate::geometry::{NONE, Prepared, Ray, round_down, round_up};
     use bytemuck::Zeroable;
     use glam::DVec3;
     use proptest::prelude::*;
@@ -205,22 +238,46 @@ mod tests {
         close: u32,
     }
 
-    fn judge(level: Level, filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Judged {
+    /// As the filter judges, with the bounds as arrays.
+    struct Told {
+        out: u32,
+        inside: u32,
+        low: [f32; WIDTH],
+        high: [f32; WIDTH],
+    }
+
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn told<E: Eight>(filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Told {
+        #[repr(align(32))]
+        struct Aligned([f32; WIDTH]);
+        let (mut low, mut high) = (Aligned([0.0; WIDTH]), Aligned([0.0; WIDTH]));
+        // SAFETY: the caller's promise; the places are aligned.
+        unsafe {
+            let judged = filter.judge::<E>(&block.corners, t_min, limit, 0xff);
+            judged.low.store(low.0.as_mut_ptr());
+            judged.high.store(high.0.as_mut_ptr());
+            Told { out: judged.out, inside: judged.inside, low: low.0, high: high.0 }
+        }
+    }
+
+    fn judge(level: Level, filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Told {
         #[cfg(target_arch = "x86_64")]
         mod levels {
             use super::super::super::lanes::{Avx2, Avx512};
             use super::*;
 
             #[target_feature(enable = "avx2,fma")]
-            pub unsafe fn avx2(filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Judged {
+            pub unsafe fn avx2(filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Told {
                 // SAFETY: the caller has asked whether the processor has them.
-                unsafe { filter.judge::<Avx2>(&block.corners, t_min, limit) }
+                unsafe { told::<Avx2>(filter, block, t_min, limit) }
             }
 
             #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
-            pub unsafe fn avx512(filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Judged {
+            pub unsafe fn avx512(filter: &FilterRay, block: &Block, t_min: f32, limit: f32) -> Told {
                 // SAFETY: the caller has asked whether the processor has them.
-                unsafe { filter.judge::<Avx512>(&block.corners, t_min, limit) }
+                unsafe { told::<Avx512>(filter, block, t_min, limit) }
             }
         }
         // SAFETY: only levels that the processor has are asked for.
@@ -230,7 +287,7 @@ mod tests {
                 Level::Avx2 => levels::avx2(filter, block, t_min, limit),
                 #[cfg(target_arch = "x86_64")]
                 Level::Avx512 => levels::avx512(filter, block, t_min, limit),
-                _ => filter.judge::<Baseline>(&block.corners, t_min, limit),
+                _ => told::<Plain>(filter, block, t_min, limit),
             }
         }
     }
@@ -249,10 +306,19 @@ mod tests {
             }
             let prepared = Prepared::new(&ray);
             let length = prepared.origin.iter().fold(0.0, |m: f64, c| m.max(c.abs())) + 2.0;
-            if !FilterRay::holds(length) {
+            if !holds(length) {
                 continue;
             }
-            let filter = FilterRay::new(&prepared, prepared.origin, length, 0.0, 0.0);
+            let (axes, from) = ([prepared.kx, prepared.ky, prepared.kz], prepared.origin);
+            let (delta, t_delta) = deltas(length, 0.0, 0.0);
+            let filter = FilterRay {
+                axes: axes.map(|axis| axis as u8),
+                origin: axes.map(|axis| from[axis] as f32),
+                shear: [prepared.shear_x as f32, prepared.shear_y as f32],
+                inverse_z: (1.0 / prepared.direction[prepared.kz]) as f32,
+                delta,
+                t_delta,
+            };
             let mut block = Block::zeroed();
             let triangles: [[[f32; 3]; 3]; WIDTH] =
                 std::array::from_fn(|lane| if lane == 0 { first } else { case(&mut numbers).1 });

@@ -1,14 +1,20 @@
-//! Eight f32 at once, at three levels of what a processor offers. The kernels are written once over [`Lanes`].
+//! Vectors of f32 at three levels of what a processor offers. The kernels are written once over [`Instructions`].
 //!
 //! Nothing here decides a hit: results may differ by rounding from level to level, within the bounds that the kernels allow for.
 
-/// Eight f32.
+/// Some f32 side by side.
 ///
 /// # Safety
 /// Methods may be called only where the level's instructions are there, and pointers must be valid for what is said.
-pub unsafe trait Lanes: Copy {
-    /// Eight numbers at `from`, aligned to 32 bytes.
+pub unsafe trait Vector: Copy {
+    /// How many, at most 16.
+    const COUNT: usize;
+    /// The numbers at `from`, aligned to their size together.
     unsafe fn load(from: *const f32) -> Self;
+    /// To a place aligned to their size together.
+    unsafe fn store(self, to: *mut f32);
+    /// Only the lanes of the mask.
+    unsafe fn store_where(self, mask: u32, to: *mut f32);
     unsafe fn splat(value: f32) -> Self;
     unsafe fn add(self, other: Self) -> Self;
     unsafe fn sub(self, other: Self) -> Self;
@@ -19,6 +25,8 @@ pub unsafe trait Lanes: Copy {
     /// NaN gives `other`.
     unsafe fn max(self, other: Self) -> Self;
     unsafe fn abs(self) -> Self;
+    /// The larger magnitude, of numbers.
+    unsafe fn max_abs(self, other: Self) -> Self;
     /// self * b + c, in one or two roundings.
     unsafe fn mul_add(self, b: Self, c: Self) -> Self;
     /// self * b - c, in one or two roundings.
@@ -27,7 +35,17 @@ pub unsafe trait Lanes: Copy {
     unsafe fn neg_mul_add(self, b: Self, c: Self) -> Self;
     /// A bit for each lane in which self > other.
     unsafe fn gt(self, other: Self) -> u32;
-    unsafe fn to_array(self) -> [f32; 8];
+    /// The largest of all lanes, of numbers.
+    unsafe fn largest(self) -> f32;
+    /// A bit for each of the integers at `from`, aligned as for `load`, that is `value`.
+    unsafe fn same(from: *const u32, value: u32) -> u32;
+}
+
+/// Eight f32: the children of a node, the triangles of a block.
+///
+/// # Safety
+/// As of [`Vector`]; its count is 8.
+pub unsafe trait Eight: Vector {
     /// Of the eight `children` those with self <= far, in the order that `order` names (four bits each), packed at `to_children`, with self at `to_t`.
     /// Returns their number. Eight places are written at both.
     unsafe fn pack(
@@ -42,7 +60,7 @@ pub unsafe trait Lanes: Copy {
 
 /// Plain arrays: the compiler makes of them what the architecture's least processor has.
 #[derive(Clone, Copy)]
-pub struct Baseline([f32; 8]);
+pub struct Plain([f32; 8]);
 
 /// A loop over the lanes: the compiler makes vectors of it, but not of closures.
 macro_rules! each_lane {
@@ -51,20 +69,35 @@ macro_rules! each_lane {
         for $lane in 0..8 {
             result[$lane] = $value;
         }
-        Baseline(result)
+        Plain(result)
     }};
 }
 
 // SAFETY: needs no instructions beyond the architecture's own.
-unsafe impl Lanes for Baseline {
+unsafe impl Vector for Plain {
+    const COUNT: usize = 8;
     #[inline(always)]
     unsafe fn load(from: *const f32) -> Self {
         // SAFETY: the caller gives eight numbers.
-        Baseline(unsafe { from.cast::<[f32; 8]>().read() })
+        Plain(unsafe { from.cast::<[f32; 8]>().read() })
+    }
+    #[inline(always)]
+    unsafe fn store(self, to: *mut f32) {
+        // SAFETY: the caller gives eight places.
+        unsafe { to.cast::<[f32; 8]>().write(self.0) };
+    }
+    #[inline(always)]
+    unsafe fn store_where(self, mask: u32, to: *mut f32) {
+        for k in 0..8 {
+            if mask >> k & 1 == 1 {
+                // SAFETY: the caller gives eight places.
+                unsafe { to.add(k).write(self.0[k]) };
+            }
+        }
     }
     #[inline(always)]
     unsafe fn splat(value: f32) -> Self {
-        Baseline([value; 8])
+        Plain([value; 8])
     }
     #[inline(always)]
     unsafe fn add(self, other: Self) -> Self {
@@ -95,6 +128,10 @@ unsafe impl Lanes for Baseline {
         each_lane!(k => self.0[k].abs())
     }
     #[inline(always)]
+    unsafe fn max_abs(self, other: Self) -> Self {
+        each_lane!(k => if self.0[k].abs() > other.0[k].abs() { self.0[k].abs() } else { other.0[k].abs() })
+    }
+    #[inline(always)]
     unsafe fn mul_add(self, b: Self, c: Self) -> Self {
         each_lane!(k => self.0[k] * b.0[k] + c.0[k])
     }
@@ -115,9 +152,26 @@ unsafe impl Lanes for Baseline {
         mask
     }
     #[inline(always)]
-    unsafe fn to_array(self) -> [f32; 8] {
-        self.0
+    unsafe fn largest(self) -> f32 {
+        let mut largest = self.0[0];
+        for k in 1..8 {
+            largest = if self.0[k] > largest { self.0[k] } else { largest };
+        }
+        largest
     }
+    #[inline(always)]
+    unsafe fn same(from: *const u32, value: u32) -> u32 {
+        let mut mask = 0;
+        for k in 0..8 {
+            // SAFETY: the caller gives eight integers.
+            mask |= u32::from(unsafe { *from.add(k) } == value) << k;
+        }
+        mask
+    }
+}
+
+// SAFETY: as above.
+unsafe impl Eight for Plain {
     #[inline(always)]
     unsafe fn pack(
         self,
@@ -142,11 +196,11 @@ unsafe impl Lanes for Baseline {
 }
 
 #[cfg(target_arch = "x86_64")]
-pub use x86::{Avx2, Avx512};
+pub use x86::{Avx2, Avx512, Sixteen};
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::Lanes;
+    use super::{Eight, Vector};
     use std::arch::x86_64::*;
 
     /// For each mask of eight lanes the numbers of its lanes, in turn, a byte each.
@@ -169,89 +223,257 @@ mod x86 {
         table
     }
 
+    /// Eight, with AVX2 and FMA.
     #[derive(Clone, Copy)]
     pub struct Avx2(__m256);
 
+    /// Eight, with AVX-512.
     #[derive(Clone, Copy)]
     pub struct Avx512(__m256);
 
-    /// Both levels share what is done on 256 bits; they differ in masks and packing.
-    macro_rules! lanes {
-        ($level:ident, $gt:expr, $pack:expr) => {
+    /// Sixteen, with AVX-512.
+    #[derive(Clone, Copy)]
+    pub struct Sixteen(__m512);
+
+    /// The three differ in the names of what they use, and in masks. What looks like closures are patterns: the compiler doesn't always inline closures into a level.
+    macro_rules! vector {
+        ($level:ident, $count:literal, $load:ident, $store:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $min:ident, $max:ident, $fma:ident, $fms:ident, $fnma:ident,
+         abs |$abs_of:ident| $abs:expr, max_abs |$one:ident, $two:ident| $max_abs:expr, gt |$left:ident, $right:ident| $gt:expr,
+         store_where |$to:ident, $mask:ident, $stored:ident| $store_where:expr, largest |$all:ident| $largest:expr, same |$from:ident, $value:ident| $same:expr) => {
             // SAFETY: every intrinsic is of AVX2 and FMA, or of AVX-512 where the level is that; the callers see to it that they are there.
-            unsafe impl Lanes for $level {
+            unsafe impl Vector for $level {
+                const COUNT: usize = $count;
                 #[inline(always)]
                 unsafe fn load(from: *const f32) -> Self {
-                    // SAFETY: as said above; eight aligned numbers are the caller's promise.
-                    $level(unsafe { _mm256_load_ps(from) })
+                    // SAFETY: as said above; the numbers are the caller's promise.
+                    $level(unsafe { $load(from) })
+                }
+                #[inline(always)]
+                unsafe fn store(self, to: *mut f32) {
+                    // SAFETY: as said above; the places are the caller's promise.
+                    unsafe { $store(to, self.0) }
+                }
+                #[inline(always)]
+                unsafe fn store_where(self, mask: u32, to: *mut f32) {
+                    // SAFETY: as said above; the places are the caller's promise.
+                    unsafe {
+                        let ($to, $mask, $stored) = (to, mask, self.0);
+                        $store_where
+                    }
                 }
                 #[inline(always)]
                 unsafe fn splat(value: f32) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_set1_ps(value) })
+                    $level(unsafe { $splat(value) })
                 }
                 #[inline(always)]
                 unsafe fn add(self, other: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_add_ps(self.0, other.0) })
+                    $level(unsafe { $add(self.0, other.0) })
                 }
                 #[inline(always)]
                 unsafe fn sub(self, other: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_sub_ps(self.0, other.0) })
+                    $level(unsafe { $sub(self.0, other.0) })
                 }
                 #[inline(always)]
                 unsafe fn mul(self, other: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_mul_ps(self.0, other.0) })
+                    $level(unsafe { $mul(self.0, other.0) })
                 }
                 #[inline(always)]
                 unsafe fn div(self, other: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_div_ps(self.0, other.0) })
+                    $level(unsafe { $div(self.0, other.0) })
                 }
                 #[inline(always)]
                 unsafe fn min(self, other: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_min_ps(self.0, other.0) })
+                    $level(unsafe { $min(self.0, other.0) })
                 }
                 #[inline(always)]
                 unsafe fn max(self, other: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_max_ps(self.0, other.0) })
+                    $level(unsafe { $max(self.0, other.0) })
                 }
                 #[inline(always)]
                 unsafe fn abs(self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
+                    $level(unsafe {
+                        let $abs_of = self.0;
+                        $abs
+                    })
+                }
+                #[inline(always)]
+                unsafe fn max_abs(self, other: Self) -> Self {
+                    // SAFETY: as said above.
+                    $level(unsafe {
+                        let ($one, $two) = (self.0, other.0);
+                        $max_abs
+                    })
                 }
                 #[inline(always)]
                 unsafe fn mul_add(self, b: Self, c: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_fmadd_ps(self.0, b.0, c.0) })
+                    $level(unsafe { $fma(self.0, b.0, c.0) })
                 }
                 #[inline(always)]
                 unsafe fn mul_sub(self, b: Self, c: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_fmsub_ps(self.0, b.0, c.0) })
+                    $level(unsafe { $fms(self.0, b.0, c.0) })
                 }
                 #[inline(always)]
                 unsafe fn neg_mul_add(self, b: Self, c: Self) -> Self {
                     // SAFETY: as said above.
-                    $level(unsafe { _mm256_fnmadd_ps(self.0, b.0, c.0) })
+                    $level(unsafe { $fnma(self.0, b.0, c.0) })
                 }
                 #[inline(always)]
                 unsafe fn gt(self, other: Self) -> u32 {
                     // SAFETY: as said above.
-                    unsafe { $gt(self.0, other.0) }
+                    unsafe {
+                        let ($left, $right) = (self.0, other.0);
+                        $gt
+                    }
                 }
                 #[inline(always)]
-                unsafe fn to_array(self) -> [f32; 8] {
-                    let mut array = [0.0; 8];
-                    // SAFETY: as said above; the array has eight places.
-                    unsafe { _mm256_storeu_ps(array.as_mut_ptr(), self.0) };
-                    array
+                unsafe fn largest(self) -> f32 {
+                    // SAFETY: as said above.
+                    unsafe {
+                        let $all = self.0;
+                        $largest
+                    }
                 }
+                #[inline(always)]
+                unsafe fn same(from: *const u32, value: u32) -> u32 {
+                    // SAFETY: as said above; the integers are the caller's promise.
+                    unsafe {
+                        let ($from, $value) = (from, value);
+                        $same
+                    }
+                }
+            }
+        };
+    }
+
+    macro_rules! largest_of_eight {
+        ($eight:expr) => {{
+            let eight = $eight;
+            let four = _mm_max_ps(_mm256_castps256_ps128(eight), _mm256_extractf128_ps::<1>(eight));
+            let two = _mm_max_ps(four, _mm_movehl_ps(four, four));
+            _mm_cvtss_f32(_mm_max_ss(two, _mm_movehdup_ps(two)))
+        }};
+    }
+
+    vector!(
+        Avx2,
+        8,
+        _mm256_load_ps,
+        _mm256_store_ps,
+        _mm256_set1_ps,
+        _mm256_add_ps,
+        _mm256_sub_ps,
+        _mm256_mul_ps,
+        _mm256_div_ps,
+        _mm256_min_ps,
+        _mm256_max_ps,
+        _mm256_fmadd_ps,
+        _mm256_fmsub_ps,
+        _mm256_fnmadd_ps,
+        abs | a | _mm256_andnot_ps(_mm256_set1_ps(-0.0), a),
+        max_abs | a,
+        b | {
+            let sign = _mm256_set1_ps(-0.0);
+            _mm256_max_ps(_mm256_andnot_ps(sign, a), _mm256_andnot_ps(sign, b))
+        },
+        gt | a,
+        b | _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(a, b)) as u32,
+        store_where | to,
+        mask,
+        a | {
+            let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            let mask = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(mask as i32), bits), bits);
+            _mm256_maskstore_ps(to, mask, a);
+        },
+        largest | a | largest_of_eight!(a),
+        same | from,
+        value | {
+            let same = _mm256_cmpeq_epi32(_mm256_load_si256(from.cast()), _mm256_set1_epi32(value as i32));
+            _mm256_movemask_ps(_mm256_castsi256_ps(same)) as u32
+        }
+    );
+
+    vector!(
+        Avx512,
+        8,
+        _mm256_load_ps,
+        _mm256_store_ps,
+        _mm256_set1_ps,
+        _mm256_add_ps,
+        _mm256_sub_ps,
+        _mm256_mul_ps,
+        _mm256_div_ps,
+        _mm256_min_ps,
+        _mm256_max_ps,
+        _mm256_fmadd_ps,
+        _mm256_fmsub_ps,
+        _mm256_fnmadd_ps,
+        abs | a | _mm256_andnot_ps(_mm256_set1_ps(-0.0), a),
+        max_abs | a,
+        b | _mm256_range_ps::<0b1011>(a, b),
+        gt | a,
+        b | u32::from(_mm256_cmp_ps_mask::<_CMP_GT_OQ>(a, b)),
+        store_where | to,
+        mask,
+        a | _mm256_mask_store_ps(to, mask as u8, a),
+        largest | a | largest_of_eight!(a),
+        same | from,
+        value | {
+            u32::from(_mm256_cmpeq_epi32_mask(
+                _mm256_load_si256(from.cast()),
+                _mm256_set1_epi32(value as i32),
+            ))
+        }
+    );
+
+    vector!(
+        Sixteen,
+        16,
+        _mm512_load_ps,
+        _mm512_store_ps,
+        _mm512_set1_ps,
+        _mm512_add_ps,
+        _mm512_sub_ps,
+        _mm512_mul_ps,
+        _mm512_div_ps,
+        _mm512_min_ps,
+        _mm512_max_ps,
+        _mm512_fmadd_ps,
+        _mm512_fmsub_ps,
+        _mm512_fnmadd_ps,
+        abs | a | _mm512_abs_ps(a),
+        max_abs | a,
+        b | _mm512_range_ps::<0b1011>(a, b),
+        gt | a,
+        b | u32::from(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b)),
+        store_where | to,
+        mask,
+        a | _mm512_mask_store_ps(to, mask as u16, a),
+        largest
+            | a
+            | largest_of_eight!(_mm256_max_ps(_mm512_castps512_ps256(a), _mm512_extractf32x8_ps::<1>(a))),
+        same | from,
+        value | {
+            u32::from(_mm512_cmpeq_epi32_mask(
+                _mm512_load_si512(from.cast()),
+                _mm512_set1_epi32(value as i32),
+            ))
+        }
+    );
+
+    macro_rules! eight {
+        ($level:ident, |$near:ident, $far:ident, $children:ident, $to_children:ident, $to_t:ident| $pack:expr) => {
+            // SAFETY: as of its vectors.
+            unsafe impl Eight for $level {
                 #[inline(always)]
                 unsafe fn pack(
                     self,
@@ -265,37 +487,30 @@ mod x86 {
                     unsafe {
                         let shifts = _mm256_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28);
                         let order = _mm256_srlv_epi32(_mm256_set1_epi32(order as i32), shifts);
-                        let near = _mm256_permutevar8x32_ps(self.0, order);
-                        let far = _mm256_permutevar8x32_ps(far.0, order);
-                        let children =
+                        let $near = _mm256_permutevar8x32_ps(self.0, order);
+                        let $far = _mm256_permutevar8x32_ps(far.0, order);
+                        let $children =
                             _mm256_permutevar8x32_epi32(_mm256_loadu_si256(children.cast()), order);
-                        $pack(near, far, children, to_children, to_t)
+                        let ($to_children, $to_t) = (to_children, to_t);
+                        $pack
                     }
                 }
             }
         };
     }
 
-    lanes!(
-        Avx2,
-        |a, b| _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(a, b)) as u32,
-        |near, far, children, to_children: *mut u32, to_t: *mut f32| {
-            let mask = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as usize;
-            let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(PACKED[mask] as i64));
-            _mm256_storeu_si256(to_children.cast(), _mm256_permutevar8x32_epi32(children, lanes));
-            _mm256_storeu_ps(to_t, _mm256_permutevar8x32_ps(near, lanes));
-            mask.count_ones() as usize
-        }
-    );
+    eight!(Avx2, |near, far, children, to_children, to_t| {
+        let mask = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as usize;
+        let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(PACKED[mask] as i64));
+        _mm256_storeu_si256(to_children.cast(), _mm256_permutevar8x32_epi32(children, lanes));
+        _mm256_storeu_ps(to_t, _mm256_permutevar8x32_ps(near, lanes));
+        mask.count_ones() as usize
+    });
 
-    lanes!(
-        Avx512,
-        |a, b| u32::from(_mm256_cmp_ps_mask::<_CMP_GT_OQ>(a, b)),
-        |near, far, children, to_children: *mut u32, to_t: *mut f32| {
-            let mask = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
-            _mm256_storeu_si256(to_children.cast(), _mm256_maskz_compress_epi32(mask, children));
-            _mm256_storeu_ps(to_t, _mm256_maskz_compress_ps(mask, near));
-            mask.count_ones() as usize
-        }
-    );
+    eight!(Avx512, |near, far, children, to_children, to_t| {
+        let mask = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
+        _mm256_storeu_si256(to_children.cast(), _mm256_maskz_compress_epi32(mask, children));
+        _mm256_storeu_ps(to_t, _mm256_maskz_compress_ps(mask, near));
+        mask.count_ones() as usize
+    });
 }

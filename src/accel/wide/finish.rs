@@ -1,0 +1,171 @@
+//! The last word on a bundle's candidates: f64 decides them side by side, exactly as `geometry::triangle` does one by one.
+//!
+//! Whatever is out of the ordinary (a grazing ray, an edge within rounding, a start that may be in doubt, an origin that was moved) is left to the decision for single rays.
+
+use super::bundle::{Batch, Bundle, Questions, RAYS};
+use super::tree::WIDTH;
+use crate::geometry::NONE;
+use crate::geometry::record::Answer;
+use crate::geometry::start::RADIUS;
+use crate::geometry::triangle::GRAZING;
+
+/// The candidates' triangles and what becomes of them.
+#[repr(C, align(64))]
+pub struct Decisions {
+    /// By vertex and axis.
+    corners: [[[f64; RAYS]; 3]; 3],
+    t: [f64; RAYS],
+    /// Weights of the second and the third vertex.
+    weights: [[f64; RAYS]; 2],
+    /// 1 where nothing is out of the ordinary.
+    is_plain: [u64; RAYS],
+}
+
+impl Decisions {
+    pub fn new() -> Box<Decisions> {
+        const NOTHING: [f64; RAYS] = [0.0; RAYS];
+        Box::new(Decisions {
+            corners: [[NOTHING; 3]; 3],
+            t: NOTHING,
+            weights: [NOTHING; 2],
+            is_plain: [0; RAYS],
+        })
+    }
+
+    /// Answers a bundle's rays, but for those that have been contradicted.
+    #[inline(always)]
+    pub fn finish(
+        &mut self,
+        batch: &Batch<impl Questions + ?Sized>,
+        bundle: &mut Bundle,
+        answers: &mut [Answer],
+    ) {
+        let (first, count) = (bundle.first, bundle.count.min(RAYS));
+        let mut any_candidate = false;
+        for lane in 0..count {
+            let candidate = bundle.candidate[lane];
+            if candidate != NONE {
+                any_candidate = true;
+                let block = &batch.walked.tree.blocks[(candidate >> 3) as usize];
+                let k = candidate as usize & (WIDTH - 1);
+                for vertex in 0..3 {
+                    for axis in 0..3 {
+                        self.corners[vertex][axis][lane] = f64::from(block.corners[vertex][axis][k]);
+                    }
+                }
+            }
+        }
+        if any_candidate {
+            self.decide(bundle, batch.walked.extent, count.next_multiple_of(16).min(RAYS));
+        }
+        for lane in 0..count {
+            let candidate = bundle.candidate[lane];
+            if candidate == NONE {
+                answers[first + lane] = bundle.answer(batch, lane);
+                continue;
+            }
+            let t = self.t[lane];
+            let is_within = t >= f64::from(bundle.low[lane]) && t <= f64::from(bundle.high[lane]);
+            if self.is_plain[lane] == 1 && is_within {
+                let block = &batch.walked.tree.blocks[(candidate >> 3) as usize];
+                answers[first + lane] = Answer {
+                    t: t * bundle.exact.scale[lane],
+                    u: self.weights[0][lane],
+                    v: self.weights[1][lane],
+                    primitive: block.ids[candidate as usize & (WIDTH - 1)],
+                    ..Answer::MISS
+                };
+            } else {
+                let mut progress = bundle.progress(lane);
+                bundle.settle(batch, lane, &mut progress);
+                answers[first + lane] = bundle.answer(batch, lane);
+            }
+        }
+    }
+
+    /// `triangle::intersect` and `triangle::barycentrics`, operation by operation.
+    #[inline(always)]
+    fn decide(&mut self, bundle: &Bundle, extent: f64, filled: usize) {
+        let filled = filled.min(RAYS);
+        let exact = &bundle.exact;
+        let [[x0, y0, z0], [x1, y1, z1], [x2, y2, z2]] = &self.corners;
+        let ([ox, oy, oz], [dx, dy, dz]) = (&exact.origin, &exact.direction);
+        for lane in 0..filled {
+            let along_x = bundle.class[lane] >> 3 == 0;
+            let along_y = bundle.class[lane] >> 3 == 1;
+            let origin = [ox[lane], oy[lane], oz[lane]];
+            let direction = [dx[lane], dy[lane], dz[lane]];
+            let (shear_x, shear_y) = (exact.shear[0][lane], exact.shear[1][lane]);
+            let vertices = [
+                [x0[lane], y0[lane], z0[lane]],
+                [x1[lane], y1[lane], z1[lane]],
+                [x2[lane], y2[lane], z2[lane]],
+            ];
+            let mut sheared = [[0.0; 2]; 3];
+            for vertex in 0..3 {
+                let [x, y, z] = [
+                    vertices[vertex][0] - origin[0],
+                    vertices[vertex][1] - origin[1],
+                    vertices[vertex][2] - origin[2],
+                ];
+                let first = if along_x {
+                    y
+                } else if along_y {
+                    z
+                } else {
+                    x
+                };
+                let second = if along_x {
+                    z
+                } else if along_y {
+                    x
+                } else {
+                    y
+                };
+                let main = if along_x {
+                    x
+                } else if along_y {
+                    y
+                } else {
+                    z
+                };
+                sheared[vertex] = [first - shear_x * main, second - shear_y * main];
+            }
+            let [[ax, ay], [bx, by], [cx, cy]] = sheared;
+            let u = cx * by - cy * bx;
+            let v = ax * cy - ay * cx;
+            let w = bx * ay - by * ax;
+            let mut e1 = [0.0; 3];
+            let mut e2 = [0.0; 3];
+            let mut to = [0.0; 3];
+            for axis in 0..3 {
+                e1[axis] = vertices[1][axis] - vertices[0][axis];
+                e2[axis] = vertices[2][axis] - vertices[0][axis];
+                to[axis] = vertices[0][axis] - origin[axis];
+            }
+            let n =
+                [e1[1] * e2[2] - e1[2] * e2[1], e1[2] * e2[0] - e1[0] * e2[2], e1[0] * e2[1] - e1[1] * e2[0]];
+            let along = (n[0] * direction[0] + n[1] * direction[1]) + n[2] * direction[2];
+            let height = (n[0] * to[0] + n[1] * to[1]) + n[2] * to[2];
+            let t = height / along;
+            let sum = (u + v) + w;
+            self.t[lane] = t;
+            self.weights[0][lane] = v / sum;
+            self.weights[1][lane] = w / sum;
+            // Doubt as of `Start`, for whatever triangle the ray starts on: all coordinates are within the reach.
+            let size =
+                ((e1[0].abs() + e1[1].abs()) + e1[2].abs()) * ((e2[0].abs() + e2[1].abs()) + e2[2].abs());
+            let away = origin[0].abs().max(origin[1].abs()).max(origin[2].abs());
+            let radius = 2.0 * RADIUS * (away + extent);
+            let doubt_u = 2.0 * radius * ((cx - bx).abs() + (cy - by).abs());
+            let doubt_v = 2.0 * radius * ((ax - cx).abs() + (ay - cy).abs());
+            let doubt_w = 2.0 * radius * ((bx - ax).abs() + (by - ay).abs());
+            let positive = (u > doubt_u) & (v > doubt_v) & (w > doubt_w);
+            let negative = (u < -doubt_u) & (v < -doubt_v) & (w < -doubt_w);
+            let upright = along.abs() > GRAZING * size;
+            let clear = height.abs() > radius * size;
+            let finite = (sum.abs() < f64::INFINITY) & (exact.moved[lane] == 0.0);
+            self.is_plain[lane] = u64::from((positive | negative) & upright & clear & finite);
+        }
+    }
+}

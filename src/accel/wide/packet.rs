@@ -1,0 +1,546 @@
+//! Packets: rays of a bundle that go much the same way walk the tree together.
+//!
+//! A node's children are first judged for the whole beam (interval arithmetic: Boulos, Wald and Shirley 2006, "Geometric and Arithmetic Culling Methods for Entire Ray Packets"),
+//! then each that is left by all its rays side by side. A few rays that are left over go on alone (`flight`).
+
+use super::bundle::{Batch, Bundle, Questions, RAYS, axes, first_lanes};
+use super::filter::Rays;
+use super::flight::{FewRays, Met, Tickets};
+use super::lanes::Vector;
+use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, WIDTH, block_number};
+use super::walk::{Instructions, Scratch};
+
+/// Fewer rays of a class are no packet.
+const LEAST: u32 = 12;
+/// At a node that no more rays than this enter, they go on alone.
+const ALONE: u32 = 3;
+/// A beam's directions may differ by this, relative to their largest component.
+const WIDEST: f32 = 0.35;
+/// Its origins may differ by this part of the extent of the scene.
+const BROADEST: f32 = 0.25;
+
+/// Bounds of what the rays of a packet have in common.
+struct Beam {
+    /// Least and largest of the origin's coordinates, of the inverse directions, and of the shears.
+    origin: [[f32; 2]; 3],
+    inverse: [[f32; 2]; 3],
+    shear: [[f32; 2]; 2],
+    /// The largest error of a sheared coordinate; more than half of what slabs are padded by.
+    delta: f32,
+    t_delta: f32,
+    t_min: f32,
+}
+
+/// A child that waits, for some of the rays.
+#[repr(C, align(64))]
+#[derive(Clone, Copy)]
+pub struct Entry {
+    /// Where each ray enters it.
+    t: [f32; RAYS],
+    rays: u64,
+    child: u32,
+}
+
+impl Entry {
+    pub const NONE: Entry = Entry { t: [0.0; RAYS], rays: 0, child: EMPTY };
+}
+
+/// Least and largest of the values of some lanes.
+///
+/// # Safety
+/// The level's instructions are there.
+#[inline(always)]
+unsafe fn range<V: Vector>(values: &[f32; RAYS], lanes: u64) -> [f32; 2] {
+    if lanes == u64::MAX {
+        // SAFETY: the array lies in a bundle, aligned to 64 bytes; the rest is the caller's promise.
+        unsafe {
+            let first = V::load(values.as_ptr());
+            let (mut least, mut most) = (first, first);
+            let mut at = V::COUNT;
+            while at < RAYS {
+                let next = V::load(values.as_ptr().add(at));
+                (least, most) = (least.min(next), most.max(next));
+                at += V::COUNT;
+            }
+            return [-V::splat(0.0).sub(least).largest(), most.largest()];
+        }
+    }
+    let (mut least, mut most, mut left) = (f32::INFINITY, f32::NEG_INFINITY, lanes);
+    while left != 0 {
+        let value = values[left.trailing_zeros() as usize];
+        left &= left - 1;
+        (least, most) = (least.min(value), most.max(value));
+    }
+    [least, most]
+}
+
+/// Lanes of a bundle whose integers are `value`.
+///
+/// # Safety
+/// The level's instructions are there.
+#[inline(always)]
+unsafe fn lanes_of<V: Vector>(values: &[u32; RAYS], value: u32) -> u64 {
+    let (mut lanes, mut at) = (0, 0);
+    while at < RAYS {
+        // SAFETY: the array lies in a bundle, aligned to 64 bytes; the rest is the caller's promise.
+        lanes |= u64::from(unsafe { V::same(values.as_ptr().add(at), value) }) << at;
+        at += V::COUNT;
+    }
+    lanes
+}
+
+/// Walks what rays of a bundle go much the same way; the lanes of those that don't.
+///
+/// # Safety
+/// The level's instructions are there.
+#[inline(always)]
+pub unsafe fn packets<I: Instructions>(
+    batch: &Batch<impl Questions + ?Sized>,
+    number: usize,
+    scratch: &mut Scratch,
+) -> u64 {
+    let (mut alone, mut left) = (0u64, first_lanes(scratch.bundles[number].count));
+    let broadest = BROADEST * batch.walked.extent as f32;
+    while left != 0 {
+        let bundle = &*scratch.bundles[number];
+        let lane = left.trailing_zeros() as usize;
+        let asks_alike = if bundle.any >> lane & 1 == 1 { bundle.any } else { !bundle.any };
+        // SAFETY: the caller's promise.
+        let lanes = unsafe { lanes_of::<I::Most>(&bundle.class, bundle.class[lane]) } & left & asks_alike;
+        left &= !lanes;
+        if lanes.count_ones() < LEAST || !bundle.filters {
+            alone |= lanes;
+            continue;
+        }
+        // SAFETY: the caller's promise.
+        unsafe {
+            let beam = Beam::new::<I::Most>(bundle, lanes);
+            let wide = |[least, most]: [f32; 2], by: f32| most - least > by;
+            if beam.shear.into_iter().any(|shear| wide(shear, WIDEST))
+                || beam.origin.into_iter().any(|origin| wide(origin, broadest))
+            {
+                alone |= lanes;
+            } else {
+                Packet { number, lanes, class: bundle.class[lane], beam, any: bundle.any & lanes != 0 }
+                    .walk::<I>(batch, scratch);
+            }
+        }
+    }
+    alone
+}
+
+impl Beam {
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn new<V: Vector>(bundle: &Bundle, lanes: u64) -> Beam {
+        // SAFETY: the caller's promise.
+        unsafe {
+            Beam {
+                origin: [
+                    range::<V>(&bundle.origin[0], lanes),
+                    range::<V>(&bundle.origin[1], lanes),
+                    range::<V>(&bundle.origin[2], lanes),
+                ],
+                inverse: [
+                    range::<V>(&bundle.inverse[0], lanes),
+                    range::<V>(&bundle.inverse[1], lanes),
+                    range::<V>(&bundle.inverse[2], lanes),
+                ],
+                shear: [range::<V>(&bundle.shear[0], lanes), range::<V>(&bundle.shear[1], lanes)],
+                delta: range::<V>(&bundle.delta, lanes)[1],
+                t_delta: range::<V>(&bundle.t_delta, lanes)[1],
+                t_min: range::<V>(&bundle.t_min, lanes)[0],
+            }
+        }
+    }
+
+    /// A bit for each of the triangles of a block that some ray may meet. Of the others all three sheared vertices lie on one side of every ray, farther than `delta`.
+    ///
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn touches<E: Vector>(&self, block: &Block, [kx, ky, kz]: [usize; 3]) -> u32 {
+        // SAFETY: corners are aligned as their block is; the rest is the caller's promise.
+        unsafe {
+            let (mut least, mut most) = ([E::splat(f32::INFINITY); 2], [E::splat(f32::NEG_INFINITY); 2]);
+            for vertex in 0..3 {
+                let corner = block.corners.get_unchecked(vertex);
+                let z = E::load(corner.get_unchecked(kz).as_ptr());
+                let (first, last) =
+                    (z.sub(E::splat(self.origin[kz][1])), z.sub(E::splat(self.origin[kz][0])));
+                for component in 0..2 {
+                    let axis = if component == 0 { kx } else { ky };
+                    let [low, high] = self.shear[component];
+                    let (low, high) = (E::splat(low), E::splat(high));
+                    let (a, b, c, d) = (low.mul(first), low.mul(last), high.mul(first), high.mul(last));
+                    let at = E::load(corner.get_unchecked(axis).as_ptr());
+                    let from = at.sub(E::splat(self.origin[axis][1])).sub(a.max(b).max(c.max(d)));
+                    let to = at.sub(E::splat(self.origin[axis][0])).sub(a.min(b).min(c.min(d)));
+                    least[component] = least[component].min(from);
+                    most[component] = most[component].max(to);
+                }
+            }
+            let (delta, minus) = (E::splat(self.delta), E::splat(-self.delta));
+            !(least[0].gt(delta) | least[1].gt(delta) | minus.gt(most[0]) | minus.gt(most[1]))
+        }
+    }
+}
+
+/// Rays of one class that ask the same.
+struct Packet {
+    /// Of the bundle.
+    number: usize,
+    lanes: u64,
+    class: u32,
+    beam: Beam,
+    any: bool,
+}
+
+impl Packet {
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn walk<I: Instructions>(&self, batch: &Batch<impl Questions + ?Sized>, scratch: &mut Scratch) {
+        let tree = batch.walked.tree;
+        if scratch.entries.len() < tree.stack_size {
+            scratch.entries.resize(tree.stack_size, Entry::NONE);
+        }
+        let octant = self.class & 7;
+        let rows: [[usize; 2]; 3] =
+            std::array::from_fn(
+                |axis| if octant >> axis & 1 == 1 { [axis + 3, axis] } else { [axis, axis + 3] },
+            );
+        let mut alive = self.lanes;
+        let mut waiting = 1;
+        scratch.entries[0] = Entry { t: scratch.bundles[self.number].t_min, rays: alive, child: 0 };
+        // SAFETY: the caller's promise; the stack has a place for each entry of the deepest walk and eight to spare; children name nodes and blocks of the tree.
+        unsafe {
+            let mut last = range::<I::Most>(&scratch.bundles[self.number].limit, self.lanes)[1];
+            while waiting > 0 {
+                waiting -= 1;
+                let entry: *const Entry = scratch.entries.as_ptr().add(waiting);
+                let child = (*entry).child;
+                let rays = still_wanted::<I::Most>(
+                    &(*entry).t,
+                    &scratch.bundles[self.number].limit,
+                    (*entry).rays & alive,
+                );
+                if rays == 0 {
+                    continue;
+                }
+                let is_block = child & LEAF != 0;
+                if !is_block && rays.count_ones() > ALONE {
+                    let node = tree.nodes.get_unchecked(child as usize);
+                    waiting = self.enter::<I>(node, rays, last, rows, scratch, waiting);
+                    continue;
+                }
+                if is_block {
+                    self.visit::<I>(batch, child, rays, scratch);
+                } else {
+                    self.go_alone::<I>(batch, child, rays, scratch);
+                }
+                let bundle = &*scratch.bundles[self.number];
+                alive = self.lanes & !bundle.found;
+                if alive == 0 {
+                    break;
+                }
+                last = range::<I::Most>(&bundle.limit, self.lanes)[1];
+            }
+        }
+    }
+
+    /// Pushes the children of a node that rays enter, far ones first; the new number of entries.
+    ///
+    /// # Safety
+    /// The level's instructions are there; the stack has room for eight more.
+    #[inline(always)]
+    unsafe fn enter<I: Instructions>(
+        &self,
+        node: &Node,
+        rays: u64,
+        last: f32,
+        rows: [[usize; 2]; 3],
+        scratch: &mut Scratch,
+        mut waiting: usize,
+    ) -> usize {
+        let Scratch { bundles, entries, .. } = scratch;
+        let bundle = &*bundles[self.number];
+        // SAFETY: rows are below six; all arrays are aligned to 64 bytes; the rest is the caller's promise.
+        unsafe {
+            let entered = self.beam.enters::<I::Eight>(node, rows, last);
+            let order = *node.order.get_unchecked((self.class & 7) as usize);
+            for place in 0..WIDTH {
+                let k = (order >> (4 * place) & 7) as usize;
+                if entered >> k & 1 == 0 {
+                    continue;
+                }
+                let planes: [[f32; 2]; 3] = [
+                    [node.planes[rows[0][0]][k], node.planes[rows[0][1]][k]],
+                    [node.planes[rows[1][0]][k], node.planes[rows[1][1]][k]],
+                    [node.planes[rows[2][0]][k], node.planes[rows[2][1]][k]],
+                ];
+                let entry = &mut *entries.as_mut_ptr().add(waiting);
+                let (mut inside, mut at) = (0u64, 0);
+                while at < RAYS {
+                    let group = (rays >> at) as u32 & group_mask::<I::Most>();
+                    if group != 0 {
+                        let mut near = <I::Most>::load(bundle.t_min.as_ptr().add(at));
+                        let mut far = <I::Most>::load(bundle.limit.as_ptr().add(at));
+                        for axis in 0..3 {
+                            let inverse = <I::Most>::load(bundle.inverse[axis].as_ptr().add(at));
+                            let near_origin = <I::Most>::load(bundle.near_origin[axis].as_ptr().add(at));
+                            let far_origin = <I::Most>::load(bundle.far_origin[axis].as_ptr().add(at));
+                            near = <I::Most>::splat(planes[axis][0]).mul_sub(inverse, near_origin).max(near);
+                            far = <I::Most>::splat(planes[axis][1]).mul_sub(inverse, far_origin).min(far);
+                        }
+                        near.store(entry.t.as_mut_ptr().add(at));
+                        inside |= u64::from(group & !near.gt(far)) << at;
+                    }
+                    at += <I::Most>::COUNT;
+                }
+                if inside != 0 {
+                    entry.rays = inside;
+                    entry.child = node.children[k];
+                    waiting += 1;
+                }
+            }
+        }
+        waiting
+    }
+
+    /// Tests a block's primitives against the rays.
+    ///
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn visit<I: Instructions>(
+        &self,
+        batch: &Batch<impl Questions + ?Sized>,
+        child: u32,
+        rays: u64,
+        scratch: &mut Scratch,
+    ) {
+        let number = block_number(child);
+        let block = &batch.walked.tree.blocks[number as usize];
+        let all = (2u32 << (child & 7)) - 1;
+        let bundle = &mut *scratch.bundles[self.number];
+        if child & SPHERES != 0 {
+            let mut left = rays;
+            while left != 0 {
+                let lane = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let mut progress = bundle.progress(lane);
+                bundle.decide(batch, lane, &mut progress, (block, true), all);
+                bundle.keep(lane, &progress);
+            }
+            return;
+        }
+        let axes = axes(self.class);
+        // SAFETY: the caller's promise.
+        let touched = all & unsafe { self.beam.touches::<I::Eight>(block, axes) };
+        let mut at = 0;
+        while at < RAYS {
+            let group = (rays >> at) as u32 & group_mask::<I::Most>();
+            // SAFETY: the caller's promise.
+            unsafe {
+                if group.count_ones() * 4 < touched.count_ones() * 3 {
+                    let mut left = group;
+                    while left != 0 {
+                        let lane = at + left.trailing_zeros() as usize;
+                        left &= left - 1;
+                        self.meet_alone::<I>(batch, bundle, lane, block, number, touched);
+                    }
+                } else if group != 0 {
+                    self.meet::<I>(batch, bundle, at, group, block, number, touched);
+                }
+            }
+            at += <I::Most>::COUNT;
+        }
+    }
+
+    /// One ray and the triangles of a block.
+    ///
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn meet_alone<I: Instructions>(
+        &self,
+        batch: &Batch<impl Questions + ?Sized>,
+        bundle: &mut Bundle,
+        lane: usize,
+        block: &Block,
+        number: u32,
+        touched: u32,
+    ) {
+        let (filter, mut progress) = (bundle.filter_ray(lane), bundle.progress(lane));
+        let ray =
+            FewRays { filter: &filter, start: bundle.start[lane], t_min: bundle.t_min[lane], any: self.any };
+        // SAFETY: the caller's promise; axes are below 3.
+        match unsafe { ray.meet::<I::Eight>(block, number, touched, true, &mut progress) } {
+            Met::Nothing => {}
+            Met::Any => bundle.found |= 1 << lane,
+            Met::Unsure(open) => {
+                bundle.decide(batch, lane, &mut progress, (block, false), open);
+            }
+        }
+        bundle.keep(lane, &progress);
+    }
+
+    /// A group of rays side by side and the triangles of a block, one after the other.
+    ///
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    #[expect(clippy::too_many_arguments, reason = "inlined: what a visit knows")]
+    unsafe fn meet<I: Instructions>(
+        &self,
+        batch: &Batch<impl Questions + ?Sized>,
+        bundle: &mut Bundle,
+        at: usize,
+        mut group: u32,
+        block: &Block,
+        number: u32,
+        mut touched: u32,
+    ) {
+        let [kx, ky, kz] = axes(self.class);
+        // SAFETY: the bundle's arrays are aligned to 64 bytes and hold `COUNT` numbers from `at` on; the rest is the caller's promise.
+        unsafe {
+            let load = <I::Most>::load;
+            let splat = <I::Most>::splat;
+            let mut beside = Rays {
+                origin: [
+                    load(bundle.origin[kx].as_ptr().add(at)),
+                    load(bundle.origin[ky].as_ptr().add(at)),
+                    load(bundle.origin[kz].as_ptr().add(at)),
+                ],
+                shear: [load(bundle.shear[0].as_ptr().add(at)), load(bundle.shear[1].as_ptr().add(at))],
+                inverse_z: load(bundle.inverse_z.as_ptr().add(at)),
+                delta: splat(self.beam.delta),
+                t_delta: splat(self.beam.t_delta),
+                t_min: load(bundle.t_min.as_ptr().add(at)),
+                limit: load(bundle.limit.as_ptr().add(at)),
+            };
+            while touched != 0 {
+                let k = touched.trailing_zeros() as usize;
+                touched &= touched - 1;
+                let [a, b, c] = &block.corners;
+                let sides = [
+                    [splat(a[kx][k]), splat(a[ky][k]), splat(a[kz][k])],
+                    [splat(b[kx][k]), splat(b[ky][k]), splat(b[kz][k])],
+                    [splat(c[kx][k]), splat(c[ky][k]), splat(c[kz][k])],
+                ];
+                let judged = beside.judge(&sides, group);
+                let open = group & !judged.out;
+                if open == 0 {
+                    continue;
+                }
+                let open = open & !<I::Most>::same(bundle.start.as_ptr().add(at), block.ids[k]);
+                let ends = [load(bundle.sure[0].as_ptr().add(at)), load(bundle.sure[1].as_ptr().add(at))];
+                let in_range = judged.low.gt(ends[0]) & ends[1].gt(judged.high);
+                let mut sure = open & judged.inside & in_range;
+                if self.any {
+                    bundle.found |= u64::from(sure) << at;
+                    group &= !sure;
+                } else {
+                    // Beside another candidate nothing is sure.
+                    sure &= load(bundle.low.as_ptr().add(at)).gt(judged.high);
+                    judged.low.store_where(sure, bundle.low.as_mut_ptr().add(at));
+                    judged.high.store_where(sure, bundle.high.as_mut_ptr().add(at));
+                    let candidate = splat(f32::from_bits(number << 3 | k as u32));
+                    candidate.store_where(sure, bundle.candidate.as_mut_ptr().add(at).cast());
+                    beside.limit.min(judged.high).store_where(sure, bundle.limit.as_mut_ptr().add(at));
+                }
+                let mut unsure = open & !sure;
+                while unsure != 0 {
+                    let bit = unsure.trailing_zeros();
+                    unsure &= unsure - 1;
+                    let lane = at + bit as usize;
+                    let mut progress = bundle.progress(lane);
+                    if bundle.decide(batch, lane, &mut progress, (block, false), 1 << k) {
+                        group &= !(1 << bit);
+                    }
+                    bundle.keep(lane, &progress);
+                }
+                if group == 0 {
+                    break;
+                }
+                beside.limit = load(bundle.limit.as_ptr().add(at));
+            }
+        }
+    }
+
+    /// Lets a few rays go on alone from a node.
+    ///
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn go_alone<I: Instructions>(
+        &self,
+        batch: &Batch<impl Questions + ?Sized>,
+        from: u32,
+        rays: u64,
+        scratch: &mut Scratch,
+    ) {
+        let (mut tickets, mut count, mut left) = ([0u16; ALONE as usize], 0, rays);
+        while left != 0 && count < tickets.len() {
+            tickets[count] = (self.number * RAYS) as u16 + left.trailing_zeros() as u16;
+            left &= left - 1;
+            count += 1;
+        }
+        let tickets = Tickets { tickets: &tickets[..count], from, lazy: true };
+        // SAFETY: the caller's promise.
+        unsafe { I::fly(batch, &mut scratch.bundles, &tickets, &mut scratch.stacks) };
+    }
+}
+
+impl Beam {
+    /// A bit for each child of a node that some ray may enter.
+    ///
+    /// # Safety
+    /// The level's instructions are there; rows are below six.
+    #[inline(always)]
+    unsafe fn enters<E: Vector>(&self, node: &Node, rows: [[usize; 2]; 3], last: f32) -> u32 {
+        // SAFETY: a node's planes are aligned as it is; the rest is the caller's promise.
+        unsafe {
+            let (mut near, mut far) = (E::splat(self.t_min), E::splat(last));
+            let pad = 2.0 * self.delta;
+            for axis in 0..3 {
+                let [least, most] = self.inverse[axis];
+                let ([low, high], forwards) = (self.origin[axis], rows[axis][0] == axis);
+                // From the origin that comes first and from the one that comes last along the axis.
+                let (late, early) = if forwards { (high + pad, low - pad) } else { (low - pad, high + pad) };
+                let first = E::load(node.planes.get_unchecked(rows[axis][0]).as_ptr()).sub(E::splat(late));
+                let second = E::load(node.planes.get_unchecked(rows[axis][1]).as_ptr()).sub(E::splat(early));
+                let (least, most) = (E::splat(least), E::splat(most));
+                near = first.mul(least).min(first.mul(most)).max(near);
+                far = second.mul(least).max(second.mul(most)).min(far);
+            }
+            !near.gt(far) & 0xff
+        }
+    }
+}
+
+#[inline(always)]
+const fn group_mask<V: Vector>() -> u32 {
+    (1 << V::COUNT) - 1
+}
+
+/// Those of the rays that enter before their limits.
+///
+/// # Safety
+/// The level's instructions are there; both arrays are aligned to 64 bytes.
+#[inline(always)]
+unsafe fn still_wanted<V: Vector>(t: &[f32; RAYS], limit: &[f32; RAYS], rays: u64) -> u64 {
+    let (mut wanted, mut at) = (0, 0);
+    while at < RAYS {
+        let group = (rays >> at) as u32 & group_mask::<V>();
+        if group != 0 {
+            // SAFETY: the caller's promise.
+            let late = unsafe { V::load(t.as_ptr().add(at)).gt(V::load(limit.as_ptr().add(at))) };
+            wanted |= u64::from(group & !late) << at;
+        }
+        at += V::COUNT;
+    }
+    wanted
+}

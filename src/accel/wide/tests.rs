@@ -1,0 +1,211 @@
+use super::super::Accel;
+use super::*;
+use crate::geometry::NONE;
+use crate::scene::generate::icosphere::icosphere;
+use crate::scene::mesh::Sphere;
+use glam::DVec3;
+use proptest::prelude::*;
+
+/// Triangles and spheres with many coincidences: coordinates from a coarse lattice.
+fn soup() -> impl Strategy<Value = Surfaces> {
+    let coordinate = || prop_oneof![(-4i8..=4).prop_map(|c| f32::from(c) / 4.0), -1.0f32..1.0];
+    let point = || prop::array::uniform3(coordinate());
+    let sphere = (point(), prop_oneof![Just(0.25f32), 0.01f32..0.5])
+        .prop_map(|(center, radius)| Sphere { center, radius });
+    (prop::collection::vec(prop::array::uniform3(point()), 0..60), prop::collection::vec(sphere, 0..10))
+        .prop_map(|(triangles, spheres)| Surfaces {
+            positions: triangles.concat(),
+            triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            spheres,
+            ..Surfaces::default()
+        })
+}
+
+fn direction() -> impl Strategy<Value = [f64; 3]> {
+    let component = || prop_oneof![Just(0.0), Just(-0.0), Just(1.0), Just(-0.5), Just(1e-310), -1.0f64..1.0];
+    prop::array::uniform3(component()).prop_filter("a direction", |d| d.iter().any(|c| c.abs() > 1e-3))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+    #[test]
+    fn answers_exactly_as_brute_force(
+        surfaces in soup(),
+        origin in prop::array::uniform3(prop_oneof![(-8i8..=8).prop_map(|c| f64::from(c) / 4.0), -3.0f64..3.0]),
+        directions in prop::collection::vec(direction(), 8),
+        far in prop_oneof![Just(1.0), Just(1e6)],
+    ) {
+        let wide = Wide::build(&surfaces, BuildPreset::Balanced);
+        let mut rays = Vec::new();
+        for d in directions {
+            let ray = Ray {
+                origin: DVec3::from(origin) * far,
+                direction: if far > 1.0 { DVec3::from(d) - DVec3::from(origin) * far } else { DVec3::from(d) },
+                t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE,
+            };
+            if ray.direction == DVec3::ZERO {
+                continue;
+            }
+            rays.push(ray);
+            let truth = Accel::Brute.closest(&surfaces, &ray);
+            if truth.is_hit() {
+                rays.push(Ray { t_min: truth.t, first_id: truth.primitive + 1, ..ray });
+                rays.push(Ray { t_max: truth.t, ..ray });
+                if truth.t > 1e-300 {
+                    rays.push(Ray { t_max: truth.t.next_down(), ..ray });
+                }
+                let spawned = Ray { origin: ray.origin + ray.direction * truth.t, direction: DVec3::from(origin) - ray.direction, start: truth.primitive, ..ray };
+                if spawned.direction != DVec3::ZERO {
+                    rays.push(spawned);
+                }
+            }
+        }
+        let truth: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
+        let hits: Vec<bool> = truth.iter().map(Answer::is_hit).collect();
+        let mut answers = vec![Answer::MISS; rays.len()];
+        for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+            wide.trace_rays(level, &surfaces, &rays, false, &mut answers);
+            prop_assert_eq!(&answers, &truth, "{:?}", level);
+            wide.trace_rays(level, &surfaces, &rays, true, &mut answers);
+            prop_assert_eq!(answers.iter().map(Answer::is_hit).collect::<Vec<_>>(), hits.clone(), "{:?}", level);
+        }
+    }
+}
+
+/// Rays from near one point towards one another's neighbourhood: packets, aimed at vertices and edges too.
+fn beam(surfaces: &Surfaces, from: DVec3, towards: DVec3, spread: f64, jitters: &[[i8; 3]]) -> Vec<Ray> {
+    let corner = |index: usize| surfaces.positions.get(index).map(|&v| DVec3::from(v.map(f64::from)));
+    jitters
+        .iter()
+        .enumerate()
+        .map(|(index, jitter)| {
+            let aside = DVec3::from(jitter.map(f64::from)) / 64.0;
+            let at = match index % 4 {
+                0 => towards + aside * spread,
+                1 => corner(3 * (index / 4)).unwrap_or(towards),
+                2 => {
+                    0.5 * (corner(3 * (index / 4)).unwrap_or(towards)
+                        + corner(3 * (index / 4) + 1).unwrap_or(towards))
+                }
+                _ => towards + aside * spread * 0.01,
+            };
+            // Half of the beams leave one point.
+            let origin = if spread < 0.5 { from } else { from + aside * 0.1 };
+            Ray { origin, direction: at - origin, t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE }
+        })
+        .filter(|ray| ray.direction != DVec3::ZERO)
+        .collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(150))]
+    #[test]
+    fn packets_answer_exactly_as_brute_force(
+        surfaces in soup(),
+        from in prop::array::uniform3(prop_oneof![(-12i8..=12).prop_map(|c| f64::from(c) / 4.0), -3.0f64..3.0]),
+        towards in prop::array::uniform3(-0.5f64..0.5),
+        spread in prop_oneof![Just(0.1), Just(0.4), Just(1.0), Just(2.0)],
+        jitters in prop::collection::vec(prop::array::uniform3(-64i8..64), 20..150),
+        far in prop_oneof![Just(1.0), Just(1.0), Just(1e4)],
+    ) {
+        let wide = Wide::build(&surfaces, BuildPreset::Balanced);
+        let mut rays = beam(&surfaces, DVec3::from(from) * far, DVec3::from(towards), spread, &jitters);
+        let closest: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
+        // From what they hit to a light at the first origin, as shadow rays go.
+        let light = DVec3::from(from);
+        let spawned: Vec<Ray> = rays.iter().zip(&closest).filter(|(_, hit)| hit.is_hit()).map(|(ray, hit)| {
+            let origin = ray.origin + ray.direction * hit.t;
+            Ray { origin, direction: light + DVec3::splat(0.125) - origin, t_max: 1.0, start: hit.primitive, ..*ray }
+        }).filter(|ray| ray.direction != DVec3::ZERO).collect();
+        let limited: Vec<Ray> = rays.iter().zip(&closest).map(|(ray, hit)| Ray { t_max: hit.t, ..*ray }).collect();
+        rays.extend(spawned);
+        rays.extend(limited);
+        let truth: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
+        let mut answers = vec![Answer::MISS; rays.len()];
+        for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+            wide.trace_rays(level, &surfaces, &rays, false, &mut answers);
+            for (index, (answer, truth)) in answers.iter().zip(&truth).enumerate() {
+                prop_assert_eq!(answer, truth, "{:?} {:?}", level, rays[index]);
+            }
+            wide.trace_rays(level, &surfaces, &rays, true, &mut answers);
+            for (index, (answer, truth)) in answers.iter().zip(&truth).enumerate() {
+                prop_assert_eq!(answer.is_hit(), truth.is_hit(), "{:?} {:?}", level, rays[index]);
+            }
+        }
+    }
+}
+
+#[test]
+fn any_number_of_threads_builds_the_same_tree() {
+    let mesh = icosphere(5, DVec3::ZERO, 1.0);
+    let surfaces = Surfaces { positions: mesh.positions, triangles: mesh.triangles, ..Surfaces::default() };
+    for preset in [BuildPreset::Fast, BuildPreset::Balanced, BuildPreset::Best] {
+        let built = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| Wide::build(&surfaces, preset)).tree
+        };
+        let (one, three) = (built(1), built(3));
+        assert_eq!(bytemuck::cast_slice::<_, u8>(&one.nodes), bytemuck::cast_slice::<_, u8>(&three.nodes));
+        assert_eq!(bytemuck::cast_slice::<_, u8>(&one.blocks), bytemuck::cast_slice::<_, u8>(&three.blocks));
+    }
+}
+
+#[test]
+fn every_primitive_lies_in_one_block_and_in_all_boxes_above() {
+    let mesh = icosphere(4, DVec3::new(3.0, -1.0, 0.5), 2.0);
+    let surfaces = Surfaces { positions: mesh.positions, triangles: mesh.triangles, ..Surfaces::default() };
+    let wide = Wide::build(&surfaces, BuildPreset::Balanced);
+    let (mut seen, mut waiting) =
+        (vec![0; surfaces.len()], vec![(0u32, [f32::NEG_INFINITY; 3], [f32::INFINITY; 3])]);
+    while let Some((index, low, high)) = waiting.pop() {
+        let node = &wide.tree.nodes[index as usize];
+        for lane in (0..tree::WIDTH).filter(|&lane| node.children[lane] != tree::EMPTY) {
+            let below: [f32; 3] = std::array::from_fn(|axis| node.planes[axis][lane]);
+            let above: [f32; 3] = std::array::from_fn(|axis| node.planes[axis + 3][lane]);
+            assert!((0..3).all(|axis| below[axis] >= low[axis] && above[axis] <= high[axis]));
+            let child = node.children[lane];
+            if child & tree::LEAF == 0 {
+                waiting.push((child, below, above));
+                continue;
+            }
+            let block = &wide.tree.blocks[tree::block_number(child) as usize];
+            for &id in &block.ids[..(child & 7) as usize + 1] {
+                seen[id as usize] += 1;
+                let corners = surfaces.triangle(id);
+                assert!(
+                    corners
+                        .iter()
+                        .all(|v| (0..3).all(|axis| v[axis] >= below[axis] && v[axis] <= above[axis]))
+                );
+            }
+        }
+    }
+    assert!(seen.iter().all(|&count| count == 1));
+}
+
+#[test]
+fn nothing_is_hit_where_nothing_is() {
+    let empty = Surfaces::default();
+    let flat = Surfaces { positions: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2]], ..Surfaces::default() };
+    let ray = Ray {
+        origin: DVec3::ZERO,
+        direction: DVec3::X,
+        t_min: 0.0,
+        t_max: f64::INFINITY,
+        first_id: 0,
+        start: NONE,
+    };
+    for surfaces in [empty, flat] {
+        let accel = Accel::Bvh(Wide::build(&surfaces, BuildPreset::Fast));
+        assert!(!accel.closest(&surfaces, &ray).is_hit());
+    }
+}
+
+#[test]
+fn levels_are_named_and_never_above_what_there_is() {
+    for level in Level::ALL {
+        let found = Level::named(level.name()).unwrap();
+        assert!(found <= level && found.is_available());
+    }
+    assert!(Level::named("sse9").is_err());
+}
