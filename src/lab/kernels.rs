@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::aim::Dice;
 use crate::accel::wide::level::Level;
-use crate::accel::wide::{Questions, Wide};
+use crate::accel::wide::{Questions, Wide, prefetch_record};
 use crate::error::{Error, Result};
 use crate::geometry::record::Answer;
 use crate::geometry::{NONE, Ray};
@@ -82,6 +82,11 @@ impl Questions for Asked<'_> {
             start: NONE,
         };
         (ray, self.any)
+    }
+
+    #[inline(always)]
+    fn prefetch(&self, index: usize) {
+        prefetch_record(self.rays, index);
     }
 }
 

@@ -21,6 +21,8 @@ const STEEPEST: f32 = 1e18;
 const NEAR_ENOUGH: f64 = 4.0;
 /// No f32 rounds to more than this part of itself aside.
 const ROUNDING: f64 = 1.0 / 8_388_608.0;
+/// Put aside of every t beside that: far below what the filter can tell, yet no denormal number, which processors are slow with.
+const LEAST: f64 = 1e-30;
 
 /// What is walked.
 #[derive(Clone, Copy)]
@@ -38,6 +40,25 @@ pub struct Walked<'a> {
 pub trait Questions {
     /// A ray, and whether anything that it meets will do.
     fn question(&self, index: usize) -> (Ray, bool);
+
+    /// Fetches what a question will be read from into the cache.
+    fn prefetch(&self, index: usize);
+}
+
+/// Fetches a record ahead of its use; one beyond the end is none.
+#[inline(always)]
+pub fn prefetch_record<T>(records: &[T], index: usize) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let from: *const i8 = records.as_ptr().wrapping_add(index).cast();
+        for line in (0..size_of::<T>()).step_by(64) {
+            // SAFETY: a hint; any address will do.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(from.wrapping_add(line)) };
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (records, index);
 }
 
 impl Questions for [RayRecord] {
@@ -45,12 +66,22 @@ impl Questions for [RayRecord] {
     fn question(&self, index: usize) -> (Ray, bool) {
         (self[index].ray(), self[index].query() == Query::Occluded)
     }
+
+    #[inline(always)]
+    fn prefetch(&self, index: usize) {
+        prefetch_record(self, index);
+    }
 }
 
 impl Questions for (&[Ray], bool) {
     #[inline(always)]
     fn question(&self, index: usize) -> (Ray, bool) {
         (self.0[index], self.1)
+    }
+
+    #[inline(always)]
+    fn prefetch(&self, index: usize) {
+        prefetch_record(self.0, index);
     }
 }
 
@@ -83,7 +114,6 @@ pub struct Exact {
     pub origin: [[f64; RAYS]; 3],
     /// Scaled, as all t are: its largest component lies in [1, 2).
     pub direction: [[f64; RAYS]; 3],
-    pub shear: [[f64; RAYS]; 2],
     pub scale: [f64; RAYS],
     pub t_min: [f64; RAYS],
     pub t_max: [f64; RAYS],
@@ -101,10 +131,9 @@ pub struct Bundle {
     pub near_origin: [[f32; RAYS]; 3],
     pub far_origin: [[f32; RAYS]; 3],
     pub origin: [[f32; RAYS]; 3],
+    direction: [[f32; RAYS]; 3],
     pub shear: [[f32; RAYS]; 2],
     pub inverse_z: [f32; RAYS],
-    pub delta: [f32; RAYS],
-    pub t_delta: [f32; RAYS],
     pub t_min: [f32; RAYS],
     pub limit: [f32; RAYS],
     pub sure: [[f32; RAYS]; 2],
@@ -124,6 +153,11 @@ pub struct Bundle {
     pub found: u64,
     /// Lanes of which a bound was wrong: those are to be walked again without putting anything off.
     pub contradicted: u64,
+    /// Bounds of the errors of all lanes; see [`deltas`].
+    pub delta: f32,
+    pub t_delta: f32,
+    /// What slabs are padded by.
+    pub pad: f32,
     /// Whether f32 can hold the filter's numbers of all lanes.
     pub filters: bool,
     /// Which of the batch's rays lane 0 holds, and how many lanes are filled.
@@ -157,10 +191,9 @@ impl Bundle {
             near_origin: [NOTHING; 3],
             far_origin: [NOTHING; 3],
             origin: [NOTHING; 3],
+            direction: [NOTHING; 3],
             shear: [NOTHING; 2],
             inverse_z: NOTHING,
-            delta: NOTHING,
-            t_delta: NOTHING,
             t_min: NOTHING,
             limit: NOTHING,
             sure: [NOTHING; 2],
@@ -172,7 +205,6 @@ impl Bundle {
             exact: Exact {
                 origin: [NOWHERE; 3],
                 direction: [NOWHERE; 3],
-                shear: [NOWHERE; 2],
                 scale: NOWHERE,
                 t_min: NOWHERE,
                 t_max: NOWHERE,
@@ -184,6 +216,9 @@ impl Bundle {
             any: 0,
             found: 0,
             contradicted: 0,
+            delta: 0.0,
+            t_delta: 0.0,
+            pad: 0.0,
             filters: true,
             first: 0,
             count: 0,
@@ -195,18 +230,17 @@ impl Bundle {
     pub fn fill(&mut self, batch: &Batch<impl Questions + ?Sized>, first: usize, count: usize) {
         let count = count.min(RAYS);
         self.gather(batch, first, count);
-        let filled = count.next_multiple_of(16).min(RAYS);
-        for lane in count..filled {
+        // All lanes are filled and worked on: loops of a known length are the fastest.
+        for lane in count..RAYS {
             for axis in 0..3 {
                 self.exact.origin[axis][lane] = self.exact.origin[axis][0];
                 self.exact.direction[axis][lane] = self.exact.direction[axis][0];
             }
             (self.exact.t_min[lane], self.exact.t_max[lane]) = (self.exact.t_min[0], self.exact.t_max[0]);
-            self.exact.moved[lane] = self.exact.moved[0];
-            self.exact.moved_off[lane] = self.exact.moved_off[0];
         }
-        self.shear(filled);
-        self.round(batch.walked.extent, filled);
+        self.approach(batch);
+        self.scale();
+        self.round();
     }
 
     /// Reads the rays as they are asked.
@@ -214,9 +248,9 @@ impl Bundle {
     fn gather(&mut self, batch: &Batch<impl Questions + ?Sized>, first: usize, count: usize) {
         (self.first, self.count) = (first, count);
         (self.decided, self.any, self.found, self.contradicted) = (0, 0, 0, 0);
-        let farthest = NEAR_ENOUGH * batch.walked.extent;
         let exact = &mut self.exact;
         for lane in 0..count {
+            batch.questions.prefetch(first + lane + RAYS);
             let (ray, any) = batch.questions.question(first + lane);
             let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
             for axis in 0..3 {
@@ -224,115 +258,119 @@ impl Bundle {
                 exact.direction[axis][lane] = direction[axis];
             }
             (exact.t_min[lane], exact.t_max[lane]) = (ray.t_min, ray.t_max);
-            (exact.moved[lane], exact.moved_off[lane]) = (0.0, 0.0);
             self.start[lane] = ray.start;
             self.any |= u64::from(any) << lane;
-            if norm_max(origin) > farthest {
+        }
+    }
+
+    /// Moves origins that are far outside, before their directions are scaled, and tells how far from 0 all of them lie.
+    #[inline(always)]
+    fn approach(&mut self, batch: &Batch<impl Questions + ?Sized>) {
+        let extent = batch.walked.extent;
+        self.exact.moved = [0.0; RAYS];
+        self.exact.moved_off = [0.0; RAYS];
+        let (mut nearest, mut farthest) = self.distances();
+        let mut off = 0.0;
+        if farthest > NEAR_ENOUGH * extent {
+            off = self.come_near(batch);
+            (nearest, farthest) = self.distances();
+        }
+        let length = farthest + extent;
+        self.filters = holds(length) && holds(nearest + extent);
+        (self.delta, self.t_delta) = deltas(length, off, off);
+        self.pad = (12.0 * U * length + 2.0 * off) as f32;
+    }
+
+    /// The least and the largest |origin|∞.
+    #[inline(always)]
+    fn distances(&self) -> (f64, f64) {
+        let [x, y, z] = &self.exact.origin;
+        // As bits, whose order is that of numbers without a sign: those the compiler compares in vectors.
+        let (mut nearest, mut farthest) = (u64::MAX, 0);
+        for lane in 0..RAYS {
+            let (x, y, z) = (x[lane].abs().to_bits(), y[lane].abs().to_bits(), z[lane].abs().to_bits());
+            let away = x.max(y).max(z);
+            (nearest, farthest) = (nearest.min(away), farthest.max(away));
+        }
+        (f64::from_bits(nearest), f64::from_bits(farthest))
+    }
+
+    /// Moves what lies far outside; how far off any t may be by that.
+    #[cold]
+    fn come_near(&mut self, batch: &Batch<impl Questions + ?Sized>) -> f64 {
+        let (mut most, exact) = (0.0, &mut self.exact);
+        for lane in 0..RAYS {
+            let ray = batch.questions.question(self.first + lane.min(self.count - 1)).0;
+            if norm_max(ray.origin.to_array()) > NEAR_ENOUGH * batch.walked.extent {
                 let (moved, off, from) = move_to_box(batch.walked, &ray);
                 (exact.moved[lane], exact.moved_off[lane]) = (moved, off);
+                most = f64::max(most, off);
                 for axis in 0..3 {
                     exact.origin[axis][lane] = from[axis];
                 }
             }
         }
+        most
     }
 
-    /// What [`Prepared::new`] does, for all lanes.
+    /// Scales the directions as [`Prepared::new`] does, and rounds them and the origins.
     #[inline(always)]
-    fn shear(&mut self, filled: usize) {
-        let filled = filled.min(RAYS);
-        let Exact { direction: [x, y, z], shear: [shear_x, shear_y], scale, t_min, t_max, .. } =
-            &mut self.exact;
-        for lane in 0..filled {
+    fn scale(&mut self) {
+        let Exact { direction: [x, y, z], scale, t_min, t_max, .. } = &mut self.exact;
+        for lane in 0..RAYS {
             let d = [x[lane], y[lane], z[lane]];
             let [a, b, c] = [d[0].abs(), d[1].abs(), d[2].abs()];
             let along_x = (a > b) & (a > c);
             let along_y = (a <= b) & (b > c);
-            let largest = if along_x {
-                a
-            } else if along_y {
-                b
-            } else {
-                c
-            };
+            let largest = of_axis(along_x, along_y, [a, b, c]);
             let exponent = ((largest.to_bits() >> 52) & 0x7ff).clamp(1, 2045);
             let up = f64::from_bits((2046 - exponent) << 52);
             let down = f64::from_bits(exponent << 52);
-            let d = [d[0] * up, d[1] * up, d[2] * up];
-            (x[lane], y[lane], z[lane]) = (d[0], d[1], d[2]);
-            let first = if along_x {
-                d[1]
-            } else if along_y {
-                d[2]
-            } else {
-                d[0]
-            };
-            let second = if along_x {
-                d[2]
-            } else if along_y {
-                d[0]
-            } else {
-                d[1]
-            };
-            let main = if along_x {
-                d[0]
-            } else if along_y {
-                d[1]
-            } else {
-                d[2]
-            };
-            shear_x[lane] = first / main;
-            shear_y[lane] = second / main;
+            (x[lane], y[lane], z[lane]) = (d[0] * up, d[1] * up, d[2] * up);
             scale[lane] = up;
             t_min[lane] *= down;
             t_max[lane] *= down;
-            self.inverse_z[lane] = (1.0 / main) as f32;
             let signs = d[0].to_bits() >> 63 | (d[1].to_bits() >> 63) << 1 | (d[2].to_bits() >> 63) << 2;
-            self.class[lane] = signs as u32
-                + if along_x {
-                    0
-                } else if along_y {
-                    8
-                } else {
-                    16
-                };
+            let axis = of_axis(along_x, along_y, [0, 8, 16]);
+            self.class[lane] = signs as u32 + axis;
+        }
+        for axis in 0..3 {
+            for lane in 0..RAYS {
+                self.direction[axis][lane] = self.exact.direction[axis][lane] as f32;
+                self.origin[axis][lane] = self.exact.origin[axis][lane] as f32;
+            }
         }
     }
 
     /// What f32 needs, rounded the safe way.
     #[inline(always)]
-    fn round(&mut self, extent: f64, filled: usize) {
-        let filled = filled.min(RAYS);
-        let exact = &self.exact;
-        let mut pads = [0.0f32; RAYS];
-        let mut filters = true;
-        for lane in 0..filled {
-            let away =
-                exact.origin[0][lane].abs().max(exact.origin[1][lane].abs()).max(exact.origin[2][lane].abs());
-            let (length, off) = (away + extent, exact.moved_off[lane]);
-            filters &= holds(length);
-            (self.delta[lane], self.t_delta[lane]) = deltas(length, off, off);
-            pads[lane] = (12.0 * U * length + 2.0 * off) as f32;
-        }
-        self.filters = filters;
+    fn round(&mut self) {
+        let pad = self.pad;
         for axis in 0..3 {
-            for lane in 0..filled {
-                let direction = exact.direction[axis][lane] as f32;
+            for lane in 0..RAYS {
+                let direction = self.direction[axis][lane];
                 let cut = STEEPEST.copysign(direction);
                 let inverse = if direction.abs() < 1.0 / STEEPEST { cut } else { 1.0 / direction };
-                let (origin, pad) = (exact.origin[axis][lane] as f32, pads[lane].copysign(direction));
+                let (origin, pad) = (self.origin[axis][lane], pad.copysign(direction));
                 self.inverse[axis][lane] = inverse;
-                self.origin[axis][lane] = origin;
                 self.near_origin[axis][lane] = (origin + pad) * inverse;
                 self.far_origin[axis][lane] = (origin - pad) * inverse;
             }
         }
-        for component in 0..2 {
-            for lane in 0..filled {
-                self.shear[component][lane] = exact.shear[component][lane] as f32;
-            }
+        for lane in 0..RAYS {
+            let (along_x, along_y) = (self.class[lane] < 8, self.class[lane] >> 3 == 1);
+            let [dx, dy, dz] = [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]];
+            let inverse_z = of_axis(
+                along_x,
+                along_y,
+                [self.inverse[0][lane], self.inverse[1][lane], self.inverse[2][lane]],
+            );
+            self.inverse_z[lane] = inverse_z;
+            self.shear[0][lane] = of_axis(along_x, along_y, [dy, dz, dx]) * inverse_z;
+            self.shear[1][lane] = of_axis(along_x, along_y, [dz, dx, dy]) * inverse_z;
         }
-        for lane in 0..filled {
+        let exact = &self.exact;
+        for lane in 0..RAYS {
             let (moved, off) = (exact.moved[lane], exact.moved_off[lane]);
             let begin = exact.t_min[lane] - moved;
             self.t_min[lane] = lower(begin - off);
@@ -340,10 +378,10 @@ impl Bundle {
             let end = exact.t_max[lane] - moved;
             self.limit[lane] = upper(end + off);
             self.sure[1][lane] = lower(end - off);
-            self.low[lane] = f32::INFINITY;
-            self.high[lane] = f32::INFINITY;
-            self.candidate[lane] = NONE;
         }
+        self.low = [f32::INFINITY; RAYS];
+        self.high = [f32::INFINITY; RAYS];
+        self.candidate = [NONE; RAYS];
     }
 
     #[inline(always)]
@@ -374,8 +412,8 @@ impl Bundle {
             origin: [self.origin[kx][lane], self.origin[ky][lane], self.origin[kz][lane]],
             shear: [self.shear[0][lane], self.shear[1][lane]],
             inverse_z: self.inverse_z[lane],
-            delta: self.delta[lane],
-            t_delta: self.t_delta[lane],
+            delta: self.delta,
+            t_delta: self.t_delta,
         }
     }
 
@@ -386,6 +424,12 @@ impl Bundle {
             tester.resume(&self.best[lane]);
         }
         tester
+    }
+
+    /// Whether f64 has decided no hit of any lane.
+    #[inline(always)]
+    pub fn are_undecided(&self) -> bool {
+        self.decided == 0
     }
 
     /// The least decided t of a lane, or its ray's end.
@@ -483,11 +527,29 @@ impl Progress {
     }
 }
 
+/// The larger of two numbers, neither of which is NaN: one instruction, where `f64::max` takes several.
+#[inline(always)]
+pub fn larger(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// Which of the three belongs to the axis of a direction's largest component.
+#[inline(always)]
+pub fn of_axis<T>(along_x: bool, along_y: bool, [x, y, z]: [T; 3]) -> T {
+    if along_x {
+        x
+    } else if along_y {
+        y
+    } else {
+        z
+    }
+}
+
 /// An f32 at or below t, by at most an ulp or two. Infinity stays.
 #[inline(always)]
 fn lower(t: f64) -> f32 {
-    let t = t.min(f64::MAX);
-    (t - t.abs() * ROUNDING - 1e-44) as f32
+    let t = if t < f64::MAX { t } else { f64::MAX };
+    (t - t.abs() * ROUNDING - LEAST) as f32
 }
 
 /// An f32 at or above t, by at most an ulp or two. Infinity stays.

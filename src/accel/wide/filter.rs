@@ -4,13 +4,13 @@
 //! It never contradicts `triangle::intersect`; what it is unsure of, that must decide. The bounds, with u = 2^-24 and L = |origin|∞ + max|vertex|∞:
 //!
 //! * Rounding the origin costs u|o|, the difference v − o another u(|v| + |o|), so the moved vertices are off by at most 2uL. The shear
-//!   (|s| <= 1) adds to x: u for rounding s, 2u from z, u for the product, 2u for the difference; fused, less. In all |x̃ − x| < 8uL; `delta` δ = 9uL, and more by
-//!   what moving the origin along the ray has cost; the bound of t then grows by what the f64 test loses over the way. What the f64 test itself rounds is 2^-29 of that and lies within the rest.
+//!   (|s| <= 1), a component times a rounded inverse, is off by 4u. It adds to x: 4u, 2u from z, u for the product, 2u for the difference; fused, less. In all
+//!   |x̃ − x| < 11uL; `delta` δ = 12uL, and more by what moving the origin along the ray has cost; the bound of t then grows by what the f64 test loses over the way. What the f64 test itself rounds is 2^-29 of that and lies within the rest.
 //! * An edge function of coordinates of magnitude at most m, each off by δ: 4mδ + 2δ² from the inputs, 4um² from two products
 //!   and a difference. `bound` = B = m(5δ + 8um) + 4δ² + 1e-36, which leaves room for its own rounding and for what underflows.
 //! * A sign is sure where the value is beyond the bound. Two sure signs that differ: out. Three sure and equal: in.
 //! * t = z / d_z with d_z in [1, 2). The f64 t lies within 2^-32 L of the exact plane's or is clamped to the triangle's slabs, so it is in
-//!   [min z, max z] / d_z up to δ: z is off by 2uL, its product with 1/d_z by another 2uL.
+//!   [min z, max z] / d_z up to δ: z is off by 2uL, its product with the rounded 1/d_z by another 3uL.
 //! * Where it is in, t = (U z0 + V z1 + W z2) / (S d_z), S = U + V + W. The three weights over S are off by 6B/|S| together; about the middle of the z, whose range is R, that
 //!   moves their mean by 3BR/|S|. The z are off by less than δ, and all this takes less than δ in rounding: 4B(R + 2δ)/|S| + 3δ in all.
 
@@ -29,7 +29,7 @@ pub fn holds(length: f64) -> bool {
 /// Bounds of the error of any sheared coordinate, and of t. `length` is L; the origin is off by at most `off`, and the f64 test's own t by at most `t_off`.
 #[inline(always)]
 pub fn deltas(length: f64, off: f64, t_off: f64) -> (f32, f32) {
-    let delta = 9.0 * U * length + off;
+    let delta = 12.0 * U * length + off;
     (delta as f32, (delta + t_off) as f32)
 }
 
@@ -311,11 +311,12 @@ mod tests {
             }
             let (axes, from) = ([prepared.kx, prepared.ky, prepared.kz], prepared.origin);
             let (delta, t_delta) = deltas(length, 0.0, 0.0);
+            let inverse_z = 1.0 / prepared.direction[prepared.kz] as f32;
             let filter = FilterRay {
                 axes: axes.map(|axis| axis as u8),
                 origin: axes.map(|axis| from[axis] as f32),
-                shear: [prepared.shear_x as f32, prepared.shear_y as f32],
-                inverse_z: (1.0 / prepared.direction[prepared.kz]) as f32,
+                shear: [axes[0], axes[1]].map(|axis| prepared.direction[axis] as f32 * inverse_z),
+                inverse_z,
                 delta,
                 t_delta,
             };

@@ -2,7 +2,7 @@
 //!
 //! Whatever is out of the ordinary (a grazing ray, an edge within rounding, a start that may be in doubt, an origin that was moved) is left to the decision for single rays.
 
-use super::bundle::{Batch, Bundle, Questions, RAYS};
+use super::bundle::{Batch, Bundle, Questions, RAYS, larger, of_axis};
 use super::tree::WIDTH;
 use crate::geometry::NONE;
 use crate::geometry::record::Answer;
@@ -55,8 +55,15 @@ impl Decisions {
                 }
             }
         }
+        if !any_candidate && bundle.are_undecided() {
+            for (lane, answer) in answers[first..first + count].iter_mut().enumerate() {
+                let primitive = if bundle.found >> lane & 1 == 1 { 0 } else { NONE };
+                *answer = Answer { primitive, ..Answer::MISS };
+            }
+            return;
+        }
         if any_candidate {
-            self.decide(bundle, batch.walked.extent, count.next_multiple_of(16).min(RAYS));
+            self.decide(bundle, batch.walked.extent);
         }
         for lane in 0..count {
             let candidate = bundle.candidate[lane];
@@ -85,17 +92,19 @@ impl Decisions {
 
     /// `triangle::intersect` and `triangle::barycentrics`, operation by operation.
     #[inline(always)]
-    fn decide(&mut self, bundle: &Bundle, extent: f64, filled: usize) {
-        let filled = filled.min(RAYS);
+    fn decide(&mut self, bundle: &Bundle, extent: f64) {
         let exact = &bundle.exact;
         let [[x0, y0, z0], [x1, y1, z1], [x2, y2, z2]] = &self.corners;
         let ([ox, oy, oz], [dx, dy, dz]) = (&exact.origin, &exact.direction);
-        for lane in 0..filled {
+        for lane in 0..RAYS {
             let along_x = bundle.class[lane] >> 3 == 0;
             let along_y = bundle.class[lane] >> 3 == 1;
             let origin = [ox[lane], oy[lane], oz[lane]];
             let direction = [dx[lane], dy[lane], dz[lane]];
-            let (shear_x, shear_y) = (exact.shear[0][lane], exact.shear[1][lane]);
+            let [x, y, z] = direction;
+            let main = of_axis(along_x, along_y, [x, y, z]);
+            let shear_x = of_axis(along_x, along_y, [y, z, x]) / main;
+            let shear_y = of_axis(along_x, along_y, [z, x, y]) / main;
             let vertices = [
                 [x0[lane], y0[lane], z0[lane]],
                 [x1[lane], y1[lane], z1[lane]],
@@ -108,27 +117,9 @@ impl Decisions {
                     vertices[vertex][1] - origin[1],
                     vertices[vertex][2] - origin[2],
                 ];
-                let first = if along_x {
-                    y
-                } else if along_y {
-                    z
-                } else {
-                    x
-                };
-                let second = if along_x {
-                    z
-                } else if along_y {
-                    x
-                } else {
-                    y
-                };
-                let main = if along_x {
-                    x
-                } else if along_y {
-                    y
-                } else {
-                    z
-                };
+                let first = of_axis(along_x, along_y, [y, z, x]);
+                let second = of_axis(along_x, along_y, [z, x, y]);
+                let main = of_axis(along_x, along_y, [x, y, z]);
                 sheared[vertex] = [first - shear_x * main, second - shear_y * main];
             }
             let [[ax, ay], [bx, by], [cx, cy]] = sheared;
@@ -155,7 +146,7 @@ impl Decisions {
             // Doubt as of `Start`, for whatever triangle the ray starts on: all coordinates are within the reach.
             let size =
                 ((e1[0].abs() + e1[1].abs()) + e1[2].abs()) * ((e2[0].abs() + e2[1].abs()) + e2[2].abs());
-            let away = origin[0].abs().max(origin[1].abs()).max(origin[2].abs());
+            let away = larger(larger(origin[0].abs(), origin[1].abs()), origin[2].abs());
             let radius = 2.0 * RADIUS * (away + extent);
             let doubt_u = 2.0 * radius * ((cx - bx).abs() + (cy - by).abs());
             let doubt_v = 2.0 * radius * ((ax - cx).abs() + (ay - cy).abs());

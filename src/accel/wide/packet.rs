@@ -6,7 +6,7 @@
 use super::bundle::{Batch, Bundle, Questions, RAYS, axes, first_lanes};
 use super::filter::Rays;
 use super::flight::{FewRays, Met, Tickets};
-use super::lanes::Vector;
+use super::lanes::{Eight, Vector};
 use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, WIDTH, block_number};
 use super::walk::{Instructions, Scratch};
 
@@ -25,9 +25,10 @@ struct Beam {
     origin: [[f32; 2]; 3],
     inverse: [[f32; 2]; 3],
     shear: [[f32; 2]; 2],
-    /// The largest error of a sheared coordinate; more than half of what slabs are padded by.
+    /// The error of a sheared coordinate.
     delta: f32,
-    t_delta: f32,
+    /// What slabs are padded by.
+    pad: f32,
     t_min: f32,
 }
 
@@ -72,6 +73,27 @@ unsafe fn range<V: Vector>(values: &[f32; RAYS], lanes: u64) -> [f32; 2] {
         (least, most) = (least.min(value), most.max(value));
     }
     [least, most]
+}
+
+/// The largest of the values of some lanes.
+///
+/// # Safety
+/// The level's instructions are there.
+#[inline(always)]
+unsafe fn largest<V: Vector>(values: &[f32; RAYS], lanes: u64) -> f32 {
+    if lanes == u64::MAX {
+        // SAFETY: the array lies in a bundle, aligned to 64 bytes; the rest is the caller's promise.
+        unsafe {
+            let (mut most, mut at) = (V::load(values.as_ptr()), V::COUNT);
+            while at < RAYS {
+                most = most.max(V::load(values.as_ptr().add(at)));
+                at += V::COUNT;
+            }
+            return most.largest();
+        }
+    }
+    // SAFETY: the caller's promise.
+    unsafe { range::<V>(values, lanes)[1] }
 }
 
 /// Lanes of a bundle whose integers are `value`.
@@ -148,8 +170,8 @@ impl Beam {
                     range::<V>(&bundle.inverse[2], lanes),
                 ],
                 shear: [range::<V>(&bundle.shear[0], lanes), range::<V>(&bundle.shear[1], lanes)],
-                delta: range::<V>(&bundle.delta, lanes)[1],
-                t_delta: range::<V>(&bundle.t_delta, lanes)[1],
+                delta: bundle.delta,
+                pad: bundle.pad,
                 t_min: range::<V>(&bundle.t_min, lanes)[0],
             }
         }
@@ -216,7 +238,7 @@ impl Packet {
         scratch.entries[0] = Entry { t: scratch.bundles[self.number].t_min, rays: alive, child: 0 };
         // SAFETY: the caller's promise; the stack has a place for each entry of the deepest walk and eight to spare; children name nodes and blocks of the tree.
         unsafe {
-            let mut last = range::<I::Most>(&scratch.bundles[self.number].limit, self.lanes)[1];
+            let mut last = largest::<I::Most>(&scratch.bundles[self.number].limit, self.lanes);
             while waiting > 0 {
                 waiting -= 1;
                 let entry: *const Entry = scratch.entries.as_ptr().add(waiting);
@@ -245,7 +267,7 @@ impl Packet {
                 if alive == 0 {
                     break;
                 }
-                last = range::<I::Most>(&bundle.limit, self.lanes)[1];
+                last = largest::<I::Most>(&bundle.limit, self.lanes);
             }
         }
     }
@@ -268,13 +290,11 @@ impl Packet {
         let bundle = &*bundles[self.number];
         // SAFETY: rows are below six; all arrays are aligned to 64 bytes; the rest is the caller's promise.
         unsafe {
-            let entered = self.beam.enters::<I::Eight>(node, rows, last);
+            let (mut entered, mut places) = ([0u32; WIDTH], 0);
             let order = *node.order.get_unchecked((self.class & 7) as usize);
-            for place in 0..WIDTH {
-                let k = (order >> (4 * place) & 7) as usize;
-                if entered >> k & 1 == 0 {
-                    continue;
-                }
+            self.beam.enters::<I::Eight>(node, rows, last, order, &mut entered, &mut places);
+            for &k in entered.get_unchecked(..places) {
+                let k = k as usize & (WIDTH - 1);
                 let planes: [[f32; 2]; 3] = [
                     [node.planes[rows[0][0]][k], node.planes[rows[0][1]][k]],
                     [node.planes[rows[1][0]][k], node.planes[rows[1][1]][k]],
@@ -283,22 +303,20 @@ impl Packet {
                 let entry = &mut *entries.as_mut_ptr().add(waiting);
                 let (mut inside, mut at) = (0u64, 0);
                 while at < RAYS {
-                    let group = (rays >> at) as u32 & group_mask::<I::Most>();
-                    if group != 0 {
-                        let mut near = <I::Most>::load(bundle.t_min.as_ptr().add(at));
-                        let mut far = <I::Most>::load(bundle.limit.as_ptr().add(at));
-                        for axis in 0..3 {
-                            let inverse = <I::Most>::load(bundle.inverse[axis].as_ptr().add(at));
-                            let near_origin = <I::Most>::load(bundle.near_origin[axis].as_ptr().add(at));
-                            let far_origin = <I::Most>::load(bundle.far_origin[axis].as_ptr().add(at));
-                            near = <I::Most>::splat(planes[axis][0]).mul_sub(inverse, near_origin).max(near);
-                            far = <I::Most>::splat(planes[axis][1]).mul_sub(inverse, far_origin).min(far);
-                        }
-                        near.store(entry.t.as_mut_ptr().add(at));
-                        inside |= u64::from(group & !near.gt(far)) << at;
+                    let mut near = <I::Most>::load(bundle.t_min.as_ptr().add(at));
+                    let mut far = <I::Most>::load(bundle.limit.as_ptr().add(at));
+                    for axis in 0..3 {
+                        let inverse = <I::Most>::load(bundle.inverse[axis].as_ptr().add(at));
+                        let near_origin = <I::Most>::load(bundle.near_origin[axis].as_ptr().add(at));
+                        let far_origin = <I::Most>::load(bundle.far_origin[axis].as_ptr().add(at));
+                        near = <I::Most>::splat(planes[axis][0]).mul_sub(inverse, near_origin).max(near);
+                        far = <I::Most>::splat(planes[axis][1]).mul_sub(inverse, far_origin).min(far);
                     }
+                    near.store(entry.t.as_mut_ptr().add(at));
+                    inside |= u64::from(!near.gt(far) & group_mask::<I::Most>()) << at;
                     at += <I::Most>::COUNT;
                 }
+                inside &= rays;
                 if inside != 0 {
                     entry.rays = inside;
                     entry.child = node.children[k];
@@ -416,8 +434,8 @@ impl Packet {
                 ],
                 shear: [load(bundle.shear[0].as_ptr().add(at)), load(bundle.shear[1].as_ptr().add(at))],
                 inverse_z: load(bundle.inverse_z.as_ptr().add(at)),
-                delta: splat(self.beam.delta),
-                t_delta: splat(self.beam.t_delta),
+                delta: splat(bundle.delta),
+                t_delta: splat(bundle.t_delta),
                 t_min: load(bundle.t_min.as_ptr().add(at)),
                 limit: load(bundle.limit.as_ptr().add(at)),
             };
@@ -495,28 +513,41 @@ impl Packet {
 }
 
 impl Beam {
-    /// A bit for each child of a node that some ray may enter.
+    /// The children of a node that some ray may enter, in the order that `order` names, and their number.
     ///
     /// # Safety
     /// The level's instructions are there; rows are below six.
     #[inline(always)]
-    unsafe fn enters<E: Vector>(&self, node: &Node, rows: [[usize; 2]; 3], last: f32) -> u32 {
+    unsafe fn enters<E: Eight>(
+        &self,
+        node: &Node,
+        rows: [[usize; 2]; 3],
+        last: f32,
+        order: u32,
+        entered: &mut [u32; WIDTH],
+        places: &mut usize,
+    ) {
+        static CHILDREN: [u32; WIDTH] = [0, 1, 2, 3, 4, 5, 6, 7];
+        let mut t = [0.0; WIDTH];
         // SAFETY: a node's planes are aligned as it is; the rest is the caller's promise.
         unsafe {
             let (mut near, mut far) = (E::splat(self.t_min), E::splat(last));
-            let pad = 2.0 * self.delta;
             for axis in 0..3 {
                 let [least, most] = self.inverse[axis];
                 let ([low, high], forwards) = (self.origin[axis], rows[axis][0] == axis);
                 // From the origin that comes first and from the one that comes last along the axis.
-                let (late, early) = if forwards { (high + pad, low - pad) } else { (low - pad, high + pad) };
+                let (late, early) = if forwards {
+                    (high + self.pad, low - self.pad)
+                } else {
+                    (low - self.pad, high + self.pad)
+                };
                 let first = E::load(node.planes.get_unchecked(rows[axis][0]).as_ptr()).sub(E::splat(late));
                 let second = E::load(node.planes.get_unchecked(rows[axis][1]).as_ptr()).sub(E::splat(early));
                 let (least, most) = (E::splat(least), E::splat(most));
                 near = first.mul(least).min(first.mul(most)).max(near);
                 far = second.mul(least).max(second.mul(most)).min(far);
             }
-            !near.gt(far) & 0xff
+            *places = near.pack(far, order, CHILDREN.as_ptr(), entered.as_mut_ptr(), t.as_mut_ptr());
         }
     }
 }
@@ -532,15 +563,11 @@ const fn group_mask<V: Vector>() -> u32 {
 /// The level's instructions are there; both arrays are aligned to 64 bytes.
 #[inline(always)]
 unsafe fn still_wanted<V: Vector>(t: &[f32; RAYS], limit: &[f32; RAYS], rays: u64) -> u64 {
-    let (mut wanted, mut at) = (0, 0);
+    let (mut late, mut at) = (0, 0);
     while at < RAYS {
-        let group = (rays >> at) as u32 & group_mask::<V>();
-        if group != 0 {
-            // SAFETY: the caller's promise.
-            let late = unsafe { V::load(t.as_ptr().add(at)).gt(V::load(limit.as_ptr().add(at))) };
-            wanted |= u64::from(group & !late) << at;
-        }
+        // SAFETY: the caller's promise.
+        late |= u64::from(unsafe { V::load(t.as_ptr().add(at)).gt(V::load(limit.as_ptr().add(at))) }) << at;
         at += V::COUNT;
     }
-    wanted
+    rays & !late
 }
