@@ -62,9 +62,10 @@ impl<'a> Tester<'a> {
     /// Tests one primitive.
     #[inline]
     pub fn test(&mut self, primitive: u32) {
-        match (primitive as usize).checked_sub(self.surfaces.triangles.len()) {
-            None => self.test_triangle(primitive),
-            Some(index) => self.test_sphere(primitive, index),
+        if (primitive as usize) < self.surfaces.triangles.len() {
+            self.test_triangle(primitive);
+        } else {
+            self.test_sphere(primitive);
         }
     }
 
@@ -117,17 +118,22 @@ impl<'a> Tester<'a> {
         }
     }
 
-    fn test_sphere(&mut self, primitive: u32, index: usize) {
+    fn test_sphere(&mut self, primitive: u32) {
+        if let Some(t) = self.meet_sphere(primitive) {
+            self.offer(t, primitive);
+        }
+    }
+
+    /// Where the ray first meets a sphere after its begin.
+    #[inline]
+    pub fn meet_sphere(&self, primitive: u32) -> Option<f64> {
+        let index = primitive as usize - self.surfaces.triangles.len();
         let sphere = &self.surfaces.spheres[index];
         let center = sphere.center.map(f64::from);
         if self.starts_on(primitive, index) {
-            if let Some(t) = sphere::leave(&self.ray, center) {
-                self.offer(t, primitive);
-            }
-            return;
-        }
-        if let Some(t) = sphere::first(&self.ray, center, f64::from(sphere.radius), primitive) {
-            self.offer(t, primitive);
+            sphere::leave(&self.ray, center)
+        } else {
+            sphere::first(&self.ray, center, f64::from(sphere.radius), primitive)
         }
     }
 

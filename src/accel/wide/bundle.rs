@@ -6,7 +6,7 @@
 //! An origin far outside is first moved along the ray to the scene's box, in f64; all t of the f32 kernels count from there.
 
 use super::filter::{FilterRay, U, deltas, holds};
-use super::tree::{Block, Tree, WIDTH};
+use super::tree::{Block, SPHERE_CANDIDATE, Tree, WIDTH};
 use crate::accel::tester::{Best, Tester};
 use crate::geometry::bounds::Slabs;
 use crate::geometry::record::{Answer, Query, RayRecord};
@@ -103,7 +103,7 @@ pub struct Progress {
     /// Bounds of the candidate's t, infinite where there is none.
     pub low: f32,
     pub high: f32,
-    /// Its block times eight plus its lane, or [`NONE`].
+    /// Its block times eight plus its lane, with [`SPHERE_CANDIDATE`] if it is a sphere, or [`NONE`].
     pub candidate: u32,
 }
 
@@ -496,14 +496,19 @@ impl Bundle {
     /// Decides the candidate.
     #[inline(never)]
     pub fn settle(&mut self, batch: &Batch<impl Questions + ?Sized>, lane: usize, progress: &mut Progress) {
-        let (number, k) = (progress.candidate >> 3, progress.candidate as usize & (WIDTH - 1));
-        let block = &batch.walked.tree.blocks[number as usize];
+        let (block, k) = batch.walked.tree.candidate(progress.candidate);
         let mut tester = self.tester(batch, lane);
-        let hit = tester.meet(&corners(block, k));
-        let t = hit.as_ref().map(|hit| hit.t - self.exact.moved[lane]);
+        let is_sphere = progress.candidate & SPHERE_CANDIDATE != 0;
+        let t = if is_sphere { tester.meet_sphere(block.ids[k]) } else { None };
+        let hit = if is_sphere { None } else { tester.meet(&corners(block, k)) };
+        let t = t.or(hit.as_ref().map(|hit| hit.t)).map(|t| t - self.exact.moved[lane]);
         let off = self.exact.moved_off[lane];
         if t.is_some_and(|t| t + off >= f64::from(progress.low) && t - off <= f64::from(progress.high)) {
-            tester.offer_hit(block.ids[k], hit);
+            if is_sphere {
+                tester.test(block.ids[k]);
+            } else {
+                tester.offer_hit(block.ids[k], hit);
+            }
             self.keep_best(lane, &tester);
         } else {
             self.contradicted |= 1 << lane;

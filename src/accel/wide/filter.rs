@@ -15,6 +15,7 @@
 //!   moves their mean by 3BR/|S|. The z are off by less than δ, and all this takes less than δ in rounding: 4B(R + 2δ)/|S| + 3δ in all.
 
 use super::lanes::{Eight, Vector};
+use super::sphere_filter::JudgedSpheres;
 use super::tree::WIDTH;
 
 /// Half an ulp of 1 in f32.
@@ -140,15 +141,7 @@ impl FilterRay {
     ) -> Judged<E> {
         // SAFETY: corners are aligned as their block is; the rest is the caller's promise.
         unsafe {
-            let rays = Rays {
-                origin: [E::splat(self.origin[0]), E::splat(self.origin[1]), E::splat(self.origin[2])],
-                shear: [E::splat(self.shear[0]), E::splat(self.shear[1])],
-                inverse_z: E::splat(self.inverse_z),
-                delta: E::splat(self.delta),
-                t_delta: E::splat(self.t_delta),
-                t_min: E::splat(t_min),
-                limit: E::splat(limit),
-            };
+            let rays = self.side_by_side::<E>(t_min, limit);
             let mut sides = [[rays.t_min; 3]; 3];
             for vertex in 0..3 {
                 for component in 0..3 {
@@ -157,6 +150,50 @@ impl FilterRay {
                 }
             }
             rays.judge(&sides, wanted)
+        }
+    }
+
+    /// The same for spheres: `corners[0]` are the centres, `corners[1][0]` the radii.
+    ///
+    /// # Safety
+    /// As of [`judge`](Self::judge).
+    #[inline(always)]
+    pub unsafe fn judge_spheres<E: Eight>(
+        &self,
+        corners: &[[[f32; WIDTH]; 3]; 3],
+        t_min: f32,
+        limit: f32,
+        wanted: u32,
+    ) -> JudgedSpheres<E> {
+        // SAFETY: corners are aligned as their block is; the rest is the caller's promise.
+        unsafe {
+            let rays = self.side_by_side::<E>(t_min, limit);
+            let mut center = [rays.t_min; 3];
+            for component in 0..3 {
+                let axis = usize::from(self.axes[component]);
+                center[component] = E::load(corners[0].get_unchecked(axis).as_ptr());
+            }
+            rays.judge_spheres(&center, E::load(corners[1][0].as_ptr()), wanted)
+        }
+    }
+
+    /// The ray in every lane.
+    ///
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn side_by_side<V: Vector>(&self, t_min: f32, limit: f32) -> Rays<V> {
+        // SAFETY: the caller's promise.
+        unsafe {
+            Rays {
+                origin: [V::splat(self.origin[0]), V::splat(self.origin[1]), V::splat(self.origin[2])],
+                shear: [V::splat(self.shear[0]), V::splat(self.shear[1])],
+                inverse_z: V::splat(self.inverse_z),
+                delta: V::splat(self.delta),
+                t_delta: V::splat(self.t_delta),
+                t_min: V::splat(t_min),
+                limit: V::splat(limit),
+            }
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Whatever is out of the ordinary (a grazing ray, an edge within rounding, a start that may be in doubt, an origin that was moved) is left to the decision for single rays.
 
 use super::bundle::{Batch, Bundle, Questions, RAYS, larger, of_axis};
-use super::tree::WIDTH;
+use super::tree::SPHERE_CANDIDATE;
 use crate::geometry::NONE;
 use crate::geometry::record::Answer;
 use crate::geometry::start::RADIUS;
@@ -46,8 +46,7 @@ impl Decisions {
             let candidate = bundle.candidate[lane];
             if candidate != NONE {
                 any_candidate = true;
-                let block = &batch.walked.tree.blocks[(candidate >> 3) as usize];
-                let k = candidate as usize & (WIDTH - 1);
+                let (block, k) = batch.walked.tree.candidate(candidate);
                 for vertex in 0..3 {
                     for axis in 0..3 {
                         self.corners[vertex][axis][lane] = f64::from(block.corners[vertex][axis][k]);
@@ -73,13 +72,13 @@ impl Decisions {
             }
             let t = self.t[lane];
             let is_within = t >= f64::from(bundle.low[lane]) && t <= f64::from(bundle.high[lane]);
-            if self.is_plain[lane] == 1 && is_within {
-                let block = &batch.walked.tree.blocks[(candidate >> 3) as usize];
+            if self.is_plain[lane] == 1 && is_within && candidate & SPHERE_CANDIDATE == 0 {
+                let (block, k) = batch.walked.tree.candidate(candidate);
                 answers[first + lane] = Answer {
                     t: t * bundle.exact.scale[lane],
                     u: self.weights[0][lane],
                     v: self.weights[1][lane],
-                    primitive: block.ids[candidate as usize & (WIDTH - 1)],
+                    primitive: block.ids[k],
                     ..Answer::MISS
                 };
             } else {

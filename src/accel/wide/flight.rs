@@ -6,9 +6,9 @@
 use std::mem::MaybeUninit;
 
 use super::bundle::{Batch, Bundle, Progress, Questions, RAYS};
-use super::filter::FilterRay;
+use super::filter::{FilterRay, Judged};
 use super::lanes::{Eight, Vector};
-use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, Tree, WIDTH, block_number};
+use super::tree::{Block, EMPTY, LEAF, Node, SPHERE_CANDIDATE, SPHERES, Tree, WIDTH, block_number};
 
 /// Rays in flight.
 pub const FLIGHT: usize = 24;
@@ -144,24 +144,24 @@ impl Flight {
         let block = &batch.walked.tree.blocks[number as usize];
         let all = (2u32 << (self.current & 7)) - 1;
         let (bundle, lane) = (&mut bundles[self.bundle as usize], self.lane as usize);
-        if self.current & SPHERES != 0 || !self.filters {
-            let block = (block, self.current & SPHERES != 0);
-            return bundle.decide(batch, lane, &mut self.progress, block, all);
+        let are_spheres = self.current & SPHERES != 0;
+        if !self.filters {
+            return bundle.decide(batch, lane, &mut self.progress, (block, are_spheres), all);
         }
         let ray = FewRays { filter: &self.filter, start: self.start, t_min: self.t_min, any: self.any };
         // SAFETY: the caller's promise; a flight's axes are below 3.
-        match unsafe { ray.meet::<E>(block, number, all, self.lazy, &mut self.progress) } {
+        match unsafe { ray.meet::<E>((block, are_spheres), number, all, self.lazy, &mut self.progress) } {
             Met::Nothing => false,
             Met::Any => {
                 bundle.found |= 1 << lane;
                 true
             }
-            Met::Unsure(open) => bundle.decide(batch, lane, &mut self.progress, (block, false), open),
+            Met::Unsure(open) => bundle.decide(batch, lane, &mut self.progress, (block, are_spheres), open),
         }
     }
 }
 
-/// What one ray asks of a block of triangles.
+/// What one ray asks of a block.
 pub struct FewRays<'f> {
     pub filter: &'f FilterRay,
     pub start: u32,
@@ -179,14 +179,14 @@ pub enum Met {
 }
 
 impl FewRays<'_> {
-    /// Judges the triangles `all` of a block, and takes the nearest that is surely met as the candidate.
+    /// Judges the primitives `all` of a block, and takes the nearest that is surely met as the candidate.
     ///
     /// # Safety
     /// The level's instructions are there; the filter's axes are below 3.
     #[inline(always)]
     pub unsafe fn meet<E: Eight>(
         &self,
-        block: &Block,
+        (block, are_spheres): (&Block, bool),
         number: u32,
         all: u32,
         lazy: bool,
@@ -194,8 +194,16 @@ impl FewRays<'_> {
     ) -> Met {
         #[repr(align(32))]
         struct Bounds([f32; WIDTH], [f32; WIDTH]);
-        // SAFETY: the caller's promise.
-        let judged = unsafe { self.filter.judge::<E>(&block.corners, self.t_min, progress.limit, all) };
+        // SAFETY: the caller's promise; a block's ids are aligned to 32 bytes.
+        let judged = unsafe {
+            if are_spheres {
+                let spheres = self.filter.judge_spheres::<E>(&block.corners, self.t_min, progress.limit, all);
+                let left = spheres.leaving & E::same(block.ids.as_ptr(), self.start);
+                Judged { out: spheres.judged.out | left, ..spheres.judged }
+            } else {
+                self.filter.judge::<E>(&block.corners, self.t_min, progress.limit, all)
+            }
+        };
         let open = all & !judged.out;
         if open == 0 {
             return Met::Nothing;
@@ -214,7 +222,7 @@ impl FewRays<'_> {
                 sure &= sure - 1;
                 let (low, high) = (bounds.0[k as usize], bounds.1[k as usize]);
                 // A candidate may have come since the block was judged.
-                if low > progress.limit || block.ids[k as usize] == self.start {
+                if low > progress.limit || (block.ids[k as usize] == self.start && !are_spheres) {
                     continue;
                 }
                 // At the ends of the ray's range and beside another candidate nothing is sure.
@@ -224,7 +232,7 @@ impl FewRays<'_> {
                 }
                 if in_range && high < progress.low {
                     (progress.low, progress.high) = (low, high);
-                    progress.candidate = number << 3 | k;
+                    progress.candidate = number << 3 | k | if are_spheres { SPHERE_CANDIDATE } else { 0 };
                     progress.limit = progress.limit.min(high);
                 } else {
                     unsure |= 1 << k;

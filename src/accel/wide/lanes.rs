@@ -25,6 +25,7 @@ pub unsafe trait Vector: Copy {
     /// NaN gives `other`.
     unsafe fn max(self, other: Self) -> Self;
     unsafe fn abs(self) -> Self;
+    unsafe fn sqrt(self) -> Self;
     /// The larger magnitude, of numbers.
     unsafe fn max_abs(self, other: Self) -> Self;
     /// self * b + c, in one or two roundings.
@@ -126,6 +127,10 @@ unsafe impl Vector for Plain {
     #[inline(always)]
     unsafe fn abs(self) -> Self {
         each_lane!(k => self.0[k].abs())
+    }
+    #[inline(always)]
+    unsafe fn sqrt(self) -> Self {
+        each_lane!(k => self.0[k].sqrt())
     }
     #[inline(always)]
     unsafe fn max_abs(self, other: Self) -> Self {
@@ -237,7 +242,7 @@ mod x86 {
 
     /// The three differ in the names of what they use, and in masks. What looks like closures are patterns: the compiler doesn't always inline closures into a level.
     macro_rules! vector {
-        ($level:ident, $count:literal, $load:ident, $store:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $min:ident, $max:ident, $fma:ident, $fms:ident, $fnma:ident,
+        ($level:ident, $count:literal, $load:ident, $store:ident, $splat:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $min:ident, $max:ident, $fma:ident, $fms:ident, $fnma:ident, $sqrt:ident,
          abs |$abs_of:ident| $abs:expr, max_abs |$one:ident, $two:ident| $max_abs:expr, gt |$left:ident, $right:ident| $gt:expr,
          store_where |$to:ident, $mask:ident, $stored:ident| $store_where:expr, largest |$all:ident| $largest:expr, same |$from:ident, $value:ident| $same:expr) => {
             // SAFETY: every intrinsic is of AVX2 and FMA, or of AVX-512 where the level is that; the callers see to it that they are there.
@@ -303,6 +308,11 @@ mod x86 {
                         let $abs_of = self.0;
                         $abs
                     })
+                }
+                #[inline(always)]
+                unsafe fn sqrt(self) -> Self {
+                    // SAFETY: as said above.
+                    $level(unsafe { $sqrt(self.0) })
                 }
                 #[inline(always)]
                 unsafe fn max_abs(self, other: Self) -> Self {
@@ -379,6 +389,7 @@ mod x86 {
         _mm256_fmadd_ps,
         _mm256_fmsub_ps,
         _mm256_fnmadd_ps,
+        _mm256_sqrt_ps,
         abs | a | _mm256_andnot_ps(_mm256_set1_ps(-0.0), a),
         max_abs | a,
         b | {
@@ -417,6 +428,7 @@ mod x86 {
         _mm256_fmadd_ps,
         _mm256_fmsub_ps,
         _mm256_fnmadd_ps,
+        _mm256_sqrt_ps,
         abs | a | _mm256_andnot_ps(_mm256_set1_ps(-0.0), a),
         max_abs | a,
         b | _mm256_range_ps::<0b1011>(a, b),
@@ -450,6 +462,7 @@ mod x86 {
         _mm512_fmadd_ps,
         _mm512_fmsub_ps,
         _mm512_fnmadd_ps,
+        _mm512_sqrt_ps,
         abs | a | _mm512_abs_ps(a),
         max_abs | a,
         b | _mm512_range_ps::<0b1011>(a, b),

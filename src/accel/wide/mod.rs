@@ -9,6 +9,7 @@ mod flight;
 mod lanes;
 pub mod level;
 mod packet;
+mod sphere_filter;
 pub mod tree;
 mod walk;
 

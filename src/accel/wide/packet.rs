@@ -4,10 +4,10 @@
 //! then each that is left by all its rays side by side. A few rays that are left over go on alone (`flight`).
 
 use super::bundle::{Batch, Bundle, Questions, RAYS, axes, first_lanes};
-use super::filter::Rays;
+use super::filter::{Judged, Rays};
 use super::flight::{FewRays, Met, Tickets};
 use super::lanes::{Eight, Vector};
-use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, WIDTH, block_number};
+use super::tree::{Block, EMPTY, LEAF, Node, SPHERE_CANDIDATE, SPHERES, WIDTH, block_number};
 use super::walk::{Instructions, Scratch};
 
 /// Fewer rays of a class are no packet.
@@ -343,20 +343,12 @@ impl Packet {
         let block = &batch.walked.tree.blocks[number as usize];
         let all = (2u32 << (child & 7)) - 1;
         let bundle = &mut *scratch.bundles[self.number];
-        if child & SPHERES != 0 {
-            let mut left = rays;
-            while left != 0 {
-                let lane = left.trailing_zeros() as usize;
-                left &= left - 1;
-                let mut progress = bundle.progress(lane);
-                bundle.decide(batch, lane, &mut progress, (block, true), all);
-                bundle.keep(lane, &progress);
-            }
-            return;
-        }
+        let are_spheres = child & SPHERES != 0;
+        let block = (block, are_spheres);
         let axes = axes(self.class);
         // SAFETY: the caller's promise.
-        let touched = all & unsafe { self.beam.touches::<I::Eight>(block, axes) };
+        let touched =
+            if are_spheres { all } else { all & unsafe { self.beam.touches::<I::Eight>(block.0, axes) } };
         let mut at = 0;
         while at < RAYS {
             let group = (rays >> at) as u32 & group_mask::<I::Most>();
@@ -387,7 +379,7 @@ impl Packet {
         batch: &Batch<impl Questions + ?Sized>,
         bundle: &mut Bundle,
         lane: usize,
-        block: &Block,
+        block: (&Block, bool),
         number: u32,
         touched: u32,
     ) {
@@ -399,7 +391,7 @@ impl Packet {
             Met::Nothing => {}
             Met::Any => bundle.found |= 1 << lane,
             Met::Unsure(open) => {
-                bundle.decide(batch, lane, &mut progress, (block, false), open);
+                bundle.decide(batch, lane, &mut progress, block, open);
             }
         }
         bundle.keep(lane, &progress);
@@ -417,7 +409,7 @@ impl Packet {
         bundle: &mut Bundle,
         at: usize,
         mut group: u32,
-        block: &Block,
+        (block, are_spheres): (&Block, bool),
         number: u32,
         mut touched: u32,
     ) {
@@ -443,17 +435,21 @@ impl Packet {
                 let k = touched.trailing_zeros() as usize;
                 touched &= touched - 1;
                 let [a, b, c] = &block.corners;
-                let sides = [
-                    [splat(a[kx][k]), splat(a[ky][k]), splat(a[kz][k])],
-                    [splat(b[kx][k]), splat(b[ky][k]), splat(b[kz][k])],
-                    [splat(c[kx][k]), splat(c[ky][k]), splat(c[kz][k])],
-                ];
-                let judged = beside.judge(&sides, group);
+                let first = [splat(a[kx][k]), splat(a[ky][k]), splat(a[kz][k])];
+                let own = <I::Most>::same(bundle.start.as_ptr().add(at), block.ids[k]);
+                let judged = if are_spheres {
+                    let spheres = beside.judge_spheres(&first, splat(b[0][k]), group);
+                    Judged { out: spheres.judged.out | spheres.leaving & own, ..spheres.judged }
+                } else {
+                    let second = [splat(b[kx][k]), splat(b[ky][k]), splat(b[kz][k])];
+                    let third = [splat(c[kx][k]), splat(c[ky][k]), splat(c[kz][k])];
+                    let judged = beside.judge(&[first, second, third], group);
+                    Judged { out: judged.out | own, ..judged }
+                };
                 let open = group & !judged.out;
                 if open == 0 {
                     continue;
                 }
-                let open = open & !<I::Most>::same(bundle.start.as_ptr().add(at), block.ids[k]);
                 let ends = [load(bundle.sure[0].as_ptr().add(at)), load(bundle.sure[1].as_ptr().add(at))];
                 let in_range = judged.low.gt(ends[0]) & ends[1].gt(judged.high);
                 let mut sure = open & judged.inside & in_range;
@@ -465,7 +461,8 @@ impl Packet {
                     sure &= load(bundle.low.as_ptr().add(at)).gt(judged.high);
                     judged.low.store_where(sure, bundle.low.as_mut_ptr().add(at));
                     judged.high.store_where(sure, bundle.high.as_mut_ptr().add(at));
-                    let candidate = splat(f32::from_bits(number << 3 | k as u32));
+                    let kind = if are_spheres { SPHERE_CANDIDATE } else { 0 };
+                    let candidate = splat(f32::from_bits(number << 3 | k as u32 | kind));
                     candidate.store_where(sure, bundle.candidate.as_mut_ptr().add(at).cast());
                     beside.limit.min(judged.high).store_where(sure, bundle.limit.as_mut_ptr().add(at));
                 }
@@ -475,7 +472,7 @@ impl Packet {
                     unsure &= unsure - 1;
                     let lane = at + bit as usize;
                     let mut progress = bundle.progress(lane);
-                    if bundle.decide(batch, lane, &mut progress, (block, false), 1 << k) {
+                    if bundle.decide(batch, lane, &mut progress, (block, are_spheres), 1 << k) {
                         group &= !(1 << bit);
                     }
                     bundle.keep(lane, &progress);

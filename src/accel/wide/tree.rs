@@ -17,6 +17,9 @@ pub const EMPTY: u32 = u32::MAX;
 /// Blocks that a child can name.
 pub const MOST_BLOCKS: usize = 1 << 27;
 
+/// The candidate of a walk: a block's number times 8 plus the primitive's lane, with this added if it is a sphere.
+pub const SPHERE_CANDIDATE: u32 = 1 << 30;
+
 /// The number of the block that a leaf child names.
 #[inline(always)]
 pub fn block_number(child: u32) -> u32 {
@@ -56,8 +59,7 @@ pub struct Tree {
 const NODE: f32 = 1.0;
 const BLOCK: f32 = 0.6;
 const PRIMITIVE: f32 = 0.05;
-/// Spheres have no test of eight at once.
-const SPHERE: f32 = 0.7;
+const SPHERE: f32 = 0.05;
 
 /// What dynamic programming knows of a binary node.
 #[derive(Clone, Copy, Default)]
@@ -242,6 +244,12 @@ fn orders(node: &Node) -> [u32; 8] {
 }
 
 impl Tree {
+    /// The block of a candidate, and the lane in it.
+    #[inline(always)]
+    pub fn candidate(&self, candidate: u32) -> (&Block, usize) {
+        (&self.blocks[((candidate & !SPHERE_CANDIDATE) >> 3) as usize], candidate as usize & (WIDTH - 1))
+    }
+
     fn stack_size(&self) -> usize {
         let (mut most, mut waiting) = (0, vec![(0u32, 0usize)]);
         while let Some((index, below)) = waiting.pop() {
