@@ -50,10 +50,14 @@ pub struct RayRecord {
     made_by: u8,
     /// The film plane that it deposits in.
     pub plane: u8,
-    _pad: u8,
+    /// Records of one stream go much the same way, and are traced together. Nothing else depends on it.
+    pub stream: u8,
 }
 
 impl RayRecord {
+    /// Streams that rays are told apart by.
+    pub const STREAMS: usize = 8;
+
     pub const QUERIES: [Query; 3] = [Query::Closest, Query::Occluded, Query::Attenuated];
     pub const ORIGINS: [Origin; 4] = [Origin::Camera, Origin::Reflection, Origin::Refraction, Origin::Shadow];
 
@@ -74,7 +78,7 @@ impl RayRecord {
             query: Query::Closest as u8,
             made_by: Origin::Camera as u8,
             plane,
-            _pad: 0,
+            stream: 0,
         }
     }
 
@@ -89,8 +93,15 @@ impl RayRecord {
             start,
             query: query as u8,
             made_by: made_by as u8,
+            stream: made_by as u8,
             ..*self
         }
+    }
+
+    /// Sets a shadow ray's stream: one for each of the first lights, then by turns.
+    pub fn towards(&mut self, light: usize) {
+        let others = Origin::Shadow as usize;
+        self.stream = (others + light % (Self::STREAMS - others)) as u8;
     }
 
     /// The same ray, from just behind a hit on.

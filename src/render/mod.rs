@@ -74,15 +74,22 @@ impl<'a> Renderer<'a> {
         (film, counts)
     }
 
-    /// Traces camera rays and all that grows from them. Branches are followed newest first, so that few rays wait however deep they go.
+    /// Traces camera rays and all that grows from them, stream by stream: rays of a stream go much the same way. The fullest is followed first and its newest
+    /// rays, so that few wait however deep they go.
     fn trace_to_end(&self, mut cameras: impl Iterator<Item = RayRecord>, film: &mut TileFilm) -> RayCounts {
         let mut counts = RayCounts::default();
-        let (mut waiting, mut wave) = (Vec::new(), Vec::with_capacity(BATCH));
+        let mut waiting: [Vec<RayRecord>; RayRecord::STREAMS] = Default::default();
+        let mut wave = Vec::with_capacity(BATCH);
         let mut answers: Vec<Answer> = Vec::with_capacity(BATCH);
         loop {
-            let newest = waiting.len().saturating_sub(BATCH);
             wave.clear();
-            wave.extend(waiting.drain(newest..));
+            while let Some(fullest) = waiting.iter_mut().max_by_key(|stream| stream.len())
+                && !fullest.is_empty()
+                && wave.len() < BATCH
+            {
+                let newest = fullest.len().saturating_sub(BATCH - wave.len());
+                wave.extend(fullest.drain(newest..));
+            }
             for record in cameras.by_ref().take(BATCH - wave.len()) {
                 film.count(&record);
                 wave.push(record);
@@ -115,13 +122,13 @@ impl<'a> Renderer<'a> {
 
 /// New rays to one side, light to the other.
 struct Split<'a> {
-    waiting: &'a mut Vec<RayRecord>,
+    waiting: &'a mut [Vec<RayRecord>; RayRecord::STREAMS],
     film: &'a mut TileFilm,
 }
 
 impl Sink for Split<'_> {
     fn push(&mut self, record: RayRecord) {
-        self.waiting.push(record);
+        self.waiting[usize::from(record.stream)].push(record);
     }
 
     fn deposit(&mut self, record: &RayRecord, radiance: Color) {

@@ -50,13 +50,14 @@ fn shade(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut i
     let view = phong::View { eye: DVec3::from(record.origin), to_viewer: -direction, parallel };
     let world_unit = 1.0 / header.frame.scale;
     let query = if transport.transparent { Query::Attenuated } else { Query::Occluded };
-    for light in &header.lights {
+    for (number, light) in header.lights.iter().enumerate() {
         let arrival = light.arrival(hit.position, world_unit);
         let throughput = times(local, phong::illuminate(&hit, light, &arrival, &view, world_unit));
         if throughput != BLACK {
             let mut ray = record.onward(hit.position, hit.primitive, arrival.to_light, query, Origin::Shadow);
             ray.throughput = throughput;
             ray.t_max = arrival.t_max;
+            ray.towards(number);
             out.push(ray);
         }
     }
