@@ -3,6 +3,7 @@
 //! Built from obvhs's binary tree (PLOC, Meister and Bittner 2018, with reinsertion). Any number of threads builds the same tree.
 
 mod bundle;
+mod collapse;
 mod filter;
 mod finish;
 mod flight;
@@ -76,7 +77,7 @@ impl Wide {
         if reinsertion > 0.0 {
             ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
         }
-        let tree = tree::collapse(&binary, &ids, surfaces);
+        let tree = collapse::collapse(&binary, &ids, surfaces);
         let root = &binary.nodes[0];
         Wide { tree, low: root.min.to_array(), high: root.max.to_array() }
     }
