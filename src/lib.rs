@@ -21,6 +21,7 @@ pub mod geometry;
 pub mod image;
 pub mod job;
 pub mod lab;
+pub mod memory;
 pub mod output;
 pub mod render;
 pub mod scene;

@@ -8,6 +8,7 @@ use serde::de::DeserializeOwned;
 
 use super::{Comm, wire};
 use crate::error::{Error, Result};
+use crate::memory::Array;
 
 /// Collective: rank 0 does `work`, and every rank learns how it went before anything else moves.
 ///
@@ -108,10 +109,10 @@ impl<'a> Share<'a> {
     }
 
     /// Collective: replaces `array` by rank 0's, of any length, as its bytes lie in memory. Other ranks receive
-    /// straight into a vector of the right type and length.
+    /// straight into one of the right type and length.
     ///
     /// Errors: too little memory for it, or elements of another size on rank 0; end the job by it.
-    pub fn array<T: Pod>(&self, array: &mut Vec<T>) -> Result<()> {
+    pub fn array<T: Pod>(&self, array: &mut impl Array<T>) -> Result<()> {
         if self.comm.size() == 1 {
             return Ok(());
         }
@@ -135,17 +136,14 @@ impl<'a> Share<'a> {
     }
 }
 
-fn zeroed_array<T: Pod>(length: usize) -> Result<Vec<T>> {
-    let mut array = Vec::new();
-    array.try_reserve_exact(length).map_err(|_| {
+fn zeroed_array<T: Pod, A: Array<T>>(length: usize) -> Result<A> {
+    A::zeroed(length).ok_or_else(|| {
         let gib = length as f64 * size_of::<T>() as f64 / (1u64 << 30) as f64;
         Error::launch(
             format!("this rank has no memory for {gib:.2} GiB of the scene"),
             "start fewer ranks per node, each with more threads",
         )
-    })?;
-    array.resize(length, T::zeroed());
-    Ok(array)
+    })
 }
 
 #[cfg(test)]

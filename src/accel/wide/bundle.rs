@@ -6,7 +6,7 @@
 //! An origin far outside is first moved along the ray to the scene's box, in f64; all t of the f32 kernels count from there.
 
 use super::filter::{FilterRay, U, deltas, holds};
-use super::tree::{Block, SPHERE_CANDIDATE, Tree, WIDTH};
+use super::tree::{Block, SPHERE_CANDIDATE, TreeView, WIDTH};
 use crate::accel::tester::{Best, Tester};
 use crate::geometry::bounds::Slabs;
 use crate::geometry::record::{Answer, Query, RayRecord};
@@ -27,7 +27,7 @@ const LEAST: f64 = 1e-30;
 /// What is walked.
 #[derive(Clone, Copy)]
 pub struct Walked<'a> {
-    pub tree: &'a Tree,
+    pub tree: TreeView<'a>,
     pub surfaces: &'a Surfaces,
     /// The largest magnitude of a coordinate of the boxes.
     pub extent: f64,

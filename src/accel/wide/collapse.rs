@@ -276,38 +276,51 @@ impl Collapse<'_> {
         let mut above = self.make_from(self.place(Place { subtree: None, at: 0 }), true);
         let wanted = std::mem::take(&mut above.1);
         let made: Vec<Made> = wanted.par_iter().map(|&place| self.make_from(place, false).0).collect();
-        let Made { mut nodes, mut blocks } = above.0;
-        let (mut first_nodes, mut first_blocks) = (Vec::new(), Vec::new());
-        let (mut node_count, mut block_count) = (nodes.len(), blocks.len());
-        for part in &made {
-            first_nodes.push(node_count as u32);
-            first_blocks.push(block_count as u32);
-            node_count += part.nodes.len();
-            block_count += part.blocks.len();
-        }
+        drop(self);
+        let Made { nodes: mut first, blocks } = above.0;
+        let (mut nodes_before, mut blocks_before) = (first.len(), blocks.len());
+        let offsets: Vec<(u32, u32)> = made
+            .iter()
+            .map(|part| {
+                let offsets = (nodes_before as u32, blocks_before as u32);
+                nodes_before += part.nodes.len();
+                blocks_before += part.blocks.len();
+                offsets
+            })
+            .collect();
         // What has been wanted is named by its number for now.
-        for node in &mut nodes {
-            for child in &mut node.children {
-                if *child & (LEAF | SPHERES) == SPHERES {
-                    *child = first_nodes[(*child & !SPHERES) as usize];
-                }
+        for child in first.iter_mut().flat_map(|node| &mut node.children) {
+            if *child & (LEAF | SPHERES) == SPHERES {
+                *child = offsets[(*child & !SPHERES) as usize].0;
             }
         }
-        drop(self);
-        nodes.reserve_exact(node_count - nodes.len());
-        blocks.reserve_exact(block_count - blocks.len());
-        for ((part, first_node), first_block) in made.into_iter().zip(first_nodes).zip(first_blocks) {
-            nodes.extend(part.nodes.iter().map(|node| {
-                let children = node.children.map(|child| match child {
+        let mut tree = Tree::zeroed(nodes_before, blocks_before);
+        let (mut node_slots, mut block_slots): (&mut [Node], &mut [Block]) =
+            (&mut tree.nodes, &mut tree.blocks);
+        node_slots.split_off_mut(..first.len()).into_iter().for_each(|slots| slots.copy_from_slice(&first));
+        block_slots
+            .split_off_mut(..blocks.len())
+            .into_iter()
+            .for_each(|slots| slots.copy_from_slice(&blocks));
+        let mut places = Vec::with_capacity(made.len());
+        for (part, &offsets) in made.into_iter().zip(&offsets) {
+            let nodes = node_slots.split_off_mut(..part.nodes.len());
+            let blocks = block_slots.split_off_mut(..part.blocks.len());
+            places.extend(nodes.zip(blocks).map(|(nodes, blocks)| (part, offsets, nodes, blocks)));
+        }
+        places.into_par_iter().for_each(|(part, (first_node, first_block), nodes, blocks)| {
+            for (node, made) in nodes.iter_mut().zip(&part.nodes) {
+                let children = made.children.map(|child| match child {
                     EMPTY => EMPTY,
                     leaf if leaf & LEAF != 0 => leaf + (first_block << 3),
                     inner => inner + first_node,
                 });
-                Node { children, ..*node }
-            }));
-            blocks.extend_from_slice(&part.blocks);
-        }
-        Tree::new(nodes, blocks)
+                *node = Node { children, ..*made };
+            }
+            blocks.copy_from_slice(&part.blocks);
+        });
+        tree.measure();
+        tree
     }
 
     /// Makes nodes and blocks of a place and of all below; with `above` those in subtrees are only listed, and named by their number with the bit [`SPHERES`].

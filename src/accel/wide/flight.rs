@@ -8,7 +8,7 @@ use std::mem::MaybeUninit;
 use super::bundle::{Batch, Bundle, Progress, Questions, RAYS};
 use super::filter::{FilterRay, Judged};
 use super::lanes::{Eight, Vector};
-use super::tree::{Block, EMPTY, LEAF, Node, SPHERE_CANDIDATE, SPHERES, Tree, WIDTH, block_number};
+use super::tree::{Block, EMPTY, LEAF, Node, SPHERE_CANDIDATE, SPHERES, TreeView, WIDTH, block_number};
 
 /// Rays in flight.
 pub const FLIGHT: usize = 24;
@@ -321,7 +321,7 @@ pub unsafe fn fly<E: Eight>(
 }
 
 #[inline(always)]
-fn prefetch(tree: &Tree, child: u32) {
+fn prefetch(tree: TreeView, child: u32) {
     debug_assert_ne!(child, EMPTY);
     #[cfg(target_arch = "x86_64")]
     {

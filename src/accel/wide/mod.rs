@@ -84,7 +84,7 @@ impl Wide {
 
     /// Bytes of nodes and blocks.
     pub fn memory(&self) -> usize {
-        size_of_val(self.tree.nodes.as_slice()) + size_of_val(self.tree.blocks.as_slice())
+        size_of_val(&*self.tree.nodes) + size_of_val(&*self.tree.blocks)
     }
 
     /// Answers a batch of records in their order.
@@ -131,7 +131,7 @@ impl Wide {
             return;
         }
         let extent = self.low.iter().chain(&self.high).fold(0.0, |m: f64, c| m.max(f64::from(c.abs())));
-        let walked = Walked { tree: &self.tree, surfaces, extent, low: self.low, high: self.high };
+        let walked = Walked { tree: self.tree.view(), surfaces, extent, low: self.low, high: self.high };
         SCRATCH.with_borrow_mut(|scratch| {
             // SAFETY: levels that the processor lacks are never chosen, and refused above.
             unsafe {

@@ -2,6 +2,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::memory::{Array, HugeArray};
+
 /// Children of a node, and primitives of a block.
 pub const WIDTH: usize = 8;
 /// A child that is a block: its number times 8, plus the number of its primitives less 1.
@@ -45,8 +47,8 @@ pub struct Block {
 #[derive(Clone, Debug, Default)]
 pub struct Tree {
     /// Node 0 is the root. Empty where there is nothing to hit.
-    pub nodes: Vec<Node>,
-    pub blocks: Vec<Block>,
+    pub nodes: HugeArray<Node>,
+    pub blocks: HugeArray<Block>,
     /// Places on a stack that the deepest walk can take, with eight to spare for what is written ahead.
     pub stack_size: usize,
 }
@@ -103,23 +105,47 @@ impl Node {
     }
 }
 
-impl Tree {
+/// A tree as its arrays' slices.
+#[derive(Clone, Copy)]
+pub struct TreeView<'a> {
+    pub nodes: &'a [Node],
+    pub blocks: &'a [Block],
+    pub stack_size: usize,
+}
+
+impl TreeView<'_> {
     /// The block of a candidate, and the lane in it.
     #[inline(always)]
     pub fn candidate(&self, candidate: u32) -> (&Block, usize) {
         (&self.blocks[((candidate & !SPHERE_CANDIDATE) >> 3) as usize], candidate as usize & (WIDTH - 1))
     }
+}
 
-    /// Puts nodes and blocks together; children come after their parents.
-    pub fn new(nodes: Vec<Node>, blocks: Vec<Block>) -> Tree {
-        let mut most = vec![0u32; nodes.len()];
-        for (index, node) in nodes.iter().enumerate().rev() {
+impl Tree {
+    pub fn view(&self) -> TreeView<'_> {
+        TreeView { nodes: &self.nodes, blocks: &self.blocks, stack_size: self.stack_size }
+    }
+
+    /// Room for so many.
+    ///
+    /// # Panics
+    /// Out of memory, or more blocks than can be named: 43 GB of them.
+    pub fn zeroed(nodes: usize, blocks: usize) -> Tree {
+        assert!(blocks <= MOST_BLOCKS, "{blocks} blocks of primitives are more than {MOST_BLOCKS}");
+        let nodes = HugeArray::zeroed(nodes).expect("memory for the hierarchy's nodes");
+        let blocks = HugeArray::zeroed(blocks).expect("memory for the hierarchy's blocks");
+        Tree { nodes, blocks, stack_size: 0 }
+    }
+
+    /// Sets the size of the stack, when all nodes are there; children come after their parents.
+    pub fn measure(&mut self) {
+        let mut most = vec![0u32; self.nodes.len()];
+        for (index, node) in self.nodes.iter().enumerate().rev() {
             let filled = node.children.iter().filter(|&&child| child != EMPTY).count() as u32;
             let inner = node.children.iter().filter(|&&child| child & LEAF == 0);
             let below = inner.map(|&child| most[child as usize]).max().unwrap_or(0);
             most[index] = filled.max((filled + below).saturating_sub(1));
         }
-        let stack_size = most.first().map_or(0, |&most| most as usize) + WIDTH + 1;
-        Tree { nodes, blocks, stack_size }
+        self.stack_size = most.first().map_or(0, |&most| most as usize) + WIDTH + 1;
     }
 }
