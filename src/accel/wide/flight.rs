@@ -311,11 +311,10 @@ pub unsafe fn fly<E: Eight>(
                 *flight = Flight::new(bundles, ticket, from, lazy);
             }
             prefetch(tree, flight.current);
-            if flight.current & LEAF == 0 {
-                at_nodes |= bit;
-            } else {
-                at_leaves |= bit;
-            }
+            // Whether it is a leaf is anyone's guess: no branch.
+            let at_leaf = flight.current >> 31;
+            at_nodes |= (1 - at_leaf) << place;
+            at_leaves |= at_leaf << place;
         }
     }
 }
@@ -326,13 +325,13 @@ fn prefetch(tree: TreeView, child: u32) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        let (from, bytes): (*const i8, usize) = if child & LEAF == 0 {
-            (tree.nodes.as_ptr().wrapping_add(child as usize).cast(), size_of::<Node>())
-        } else {
-            let number = block_number(child);
-            (tree.blocks.as_ptr().wrapping_add(number as usize).cast(), size_of::<Block>())
-        };
-        for line in (0..bytes).step_by(64) {
+        // A node or a block, without a branch. The five lines of a block are a node's and one more.
+        const { assert!(size_of::<Node>() < size_of::<Block>() && LEAF == 1 << 31) };
+        let is_leaf = (child >> 31) as usize;
+        let bases: [*const i8; 2] = [tree.nodes.as_ptr().cast(), tree.blocks.as_ptr().cast()];
+        let number = ((child & !(LEAF | SPHERES)) >> (3 * is_leaf)) as usize;
+        let from = bases[is_leaf].wrapping_add(number * [size_of::<Node>(), size_of::<Block>()][is_leaf]);
+        for line in (0..size_of::<Block>()).step_by(64) {
             // SAFETY: a hint; any address will do.
             unsafe { _mm_prefetch::<_MM_HINT_T0>(from.wrapping_add(line)) };
         }
