@@ -13,7 +13,9 @@ use super::walk::{Instructions, Scratch};
 /// Fewer rays of a class are no packet.
 const LEAST: u32 = 12;
 /// At a node that no more rays than this enter, they go on alone.
-const ALONE: u32 = 3;
+const ALONE: u32 = 6;
+/// A block is judged for the whole beam if no fewer rays than this reach it.
+const WORTH_CULLING: u32 = 12;
 /// A beam's directions may differ by this, relative to their largest component.
 const WIDEST: f32 = 0.35;
 /// Its origins may differ by this part of the extent of the scene.
@@ -346,9 +348,9 @@ impl Packet {
         let are_spheres = child & SPHERES != 0;
         let block = (block, are_spheres);
         let axes = axes(self.class);
+        let culls = !are_spheres && rays.count_ones() >= WORTH_CULLING;
         // SAFETY: the caller's promise.
-        let touched =
-            if are_spheres { all } else { all & unsafe { self.beam.touches::<I::Eight>(block.0, axes) } };
+        let touched = if culls { all & unsafe { self.beam.touches::<I::Eight>(block.0, axes) } } else { all };
         let mut at = 0;
         while at < RAYS {
             let group = (rays >> at) as u32 & group_mask::<I::Most>();
