@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::print;
-use crate::accel::wide::level::Level;
+use crate::accel::wide::level::{Level, Traversal};
 use crate::cluster::{Solo, threads};
 use crate::error::{Error, Result};
 use crate::job;
@@ -18,7 +18,7 @@ use crate::settings::BuildPreset;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Rays in a second, by class of rays and level of instructions.
+    /// Rays in a second, by class of rays, traversal and level of instructions.
     Kernels(KernelsArgs),
 }
 
@@ -88,15 +88,22 @@ pub fn kernels(args: &KernelsArgs) -> Result<()> {
         for scene in scenes {
             let subject = Subject::load(scene, args.build)?;
             match (&file, &args.write_rays) {
-                (Some(set), _) => report(args, scene, &subject, set, &[Level::chosen()])?,
+                (Some(set), _) => {
+                    report(args, scene, &subject, set, &[(Traversal::Chosen, Level::chosen())])?
+                }
                 (None, Some(folder)) => write_classes(args, scene, &subject, folder)?,
                 (None, None) => {
-                    let levels: Vec<Level> = Level::ALL
+                    let levels = || {
+                        Level::ALL
+                            .into_iter()
+                            .filter(|level| level.is_available() && *level <= Level::chosen())
+                    };
+                    let modes: Vec<_> = Traversal::ALL
                         .into_iter()
-                        .filter(|level| level.is_available() && *level <= Level::chosen())
+                        .flat_map(|traversal| levels().map(move |level| (traversal, level)))
                         .collect();
                     for set in subject.classes(args.seed) {
-                        report(args, scene, &subject, &set, &levels)?;
+                        report(args, scene, &subject, &set, &modes)?;
                     }
                 }
             }
@@ -105,10 +112,16 @@ pub fn kernels(args: &KernelsArgs) -> Result<()> {
     })
 }
 
-fn report(args: &KernelsArgs, scene: &Path, subject: &Subject, set: &RaySet, levels: &[Level]) -> Result<()> {
+fn report(
+    args: &KernelsArgs,
+    scene: &Path,
+    subject: &Subject,
+    set: &RaySet,
+    modes: &[(Traversal, Level)],
+) -> Result<()> {
     let mut text = String::new();
-    for &level in levels {
-        let (mut seconds, hits) = subject.time(level, &set.rays, set.kind, args.rounds as usize);
+    for &(traversal, level) in modes {
+        let (mut seconds, hits) = subject.time((traversal, level), &set.rays, set.kind, args.rounds as usize);
         seconds.sort_by(f64::total_cmp);
         let rate = |seconds: f64| set.rays.len() as f64 / seconds / 1e6;
         let row = Row {
@@ -116,7 +129,7 @@ fn report(args: &KernelsArgs, scene: &Path, subject: &Subject, set: &RaySet, lev
             primitives: subject.primitives(),
             build_s: subject.build.as_secs_f64(),
             class: set.name,
-            mode: format!("interleaved {}", level.name()),
+            mode: format!("{} {}", traversal.name(), level.name()),
             threads: rayon::current_num_threads(),
             rays: set.rays.len(),
             hits,

@@ -10,7 +10,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::aim::Dice;
-use crate::accel::wide::level::Level;
+use crate::accel::wide::level::{Level, Traversal};
 use crate::accel::wide::{Questions, Wide, prefetch_record};
 use crate::error::{Error, Result};
 use crate::geometry::record::Answer;
@@ -127,7 +127,13 @@ impl Subject {
     }
 
     /// Traces all rays, some rounds of it; seconds of each and the number of hits.
-    pub fn time(&self, level: Level, rays: &[FileRay], kind: Kind, rounds: usize) -> (Vec<f64>, usize) {
+    pub fn time(
+        &self,
+        (traversal, level): (Traversal, Level),
+        rays: &[FileRay],
+        kind: Kind,
+        rounds: usize,
+    ) -> (Vec<f64>, usize) {
         let mut hits = 0;
         let seconds = (0..rounds)
             .map(|_| {
@@ -139,7 +145,7 @@ impl Subject {
                         |answers, rays| {
                             let answers = &mut answers[..rays.len()];
                             let asked = Asked { rays, frame: &self.frame, any: kind == Kind::Occluded };
-                            self.wide.trace_at(level, &self.surfaces, &asked, answers);
+                            self.wide.trace_at(level, traversal, &self.surfaces, &asked, answers);
                             answers.iter().filter(|answer| answer.is_hit()).count()
                         },
                     )
@@ -318,7 +324,7 @@ mod tests {
         let classes = subject.classes(0);
         let hits = |name: &str| {
             let set = classes.iter().find(|set| set.name == name).unwrap();
-            let (seconds, hits) = subject.time(Level::chosen(), &set.rays, set.kind, 2);
+            let (seconds, hits) = subject.time((Traversal::Chosen, Level::chosen()), &set.rays, set.kind, 2);
             assert_eq!(seconds.len(), 2);
             (set.rays.len(), hits)
         };

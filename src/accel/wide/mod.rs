@@ -29,7 +29,7 @@ use crate::scene::mesh::has_area;
 use crate::settings::BuildPreset;
 use bundle::Walked;
 pub use bundle::{Questions, prefetch_record};
-use level::Level;
+use level::{Level, Traversal};
 use tree::Tree;
 use walk::Scratch;
 
@@ -89,7 +89,7 @@ impl Wide {
 
     /// Answers a batch of records in their order.
     pub fn trace(&self, surfaces: &Surfaces, records: &[RayRecord], answers: &mut [Answer]) {
-        self.answer(Level::chosen(), surfaces, records, answers);
+        self.answer(Level::chosen(), Traversal::Chosen, surfaces, records, answers);
     }
 
     /// The least (t, primitive id) that each ray meets, or whether it meets anything: then a hit is primitive 0.
@@ -99,12 +99,13 @@ impl Wide {
     pub fn trace_at(
         &self,
         level: Level,
+        traversal: Traversal,
         surfaces: &Surfaces,
         questions: &(impl Questions + ?Sized),
         answers: &mut [Answer],
     ) {
         assert!(level.is_available(), "{} isn't there", level.name());
-        self.answer(level, surfaces, questions, answers);
+        self.answer(level, traversal, surfaces, questions, answers);
     }
 
     /// As [`trace_at`](Self::trace_at) for plain rays, of which all or none ask only whether there is `any` hit.
@@ -116,12 +117,13 @@ impl Wide {
         any: bool,
         answers: &mut [Answer],
     ) {
-        self.trace_at(level, surfaces, &(rays, any), answers);
+        self.trace_at(level, Traversal::Chosen, surfaces, &(rays, any), answers);
     }
 
     fn answer(
         &self,
         level: Level,
+        traversal: Traversal,
         surfaces: &Surfaces,
         questions: &(impl Questions + ?Sized),
         answers: &mut [Answer],
@@ -136,13 +138,17 @@ impl Wide {
             // SAFETY: levels that the processor lacks are never chosen, and refused above.
             unsafe {
                 match level {
-                    Level::Baseline => walk::walk::<walk::Baseline>(&walked, questions, answers, scratch),
+                    Level::Baseline => {
+                        walk::walk::<walk::Baseline>(&walked, traversal, questions, answers, scratch)
+                    }
                     #[cfg(target_arch = "x86_64")]
-                    Level::Avx2 => walk::walk::<walk::Avx2>(&walked, questions, answers, scratch),
+                    Level::Avx2 => walk::walk::<walk::Avx2>(&walked, traversal, questions, answers, scratch),
                     #[cfg(target_arch = "x86_64")]
-                    Level::Avx512 => walk::walk::<walk::Avx512>(&walked, questions, answers, scratch),
+                    Level::Avx512 => {
+                        walk::walk::<walk::Avx512>(&walked, traversal, questions, answers, scratch)
+                    }
                     #[cfg(not(target_arch = "x86_64"))]
-                    _ => walk::walk::<walk::Baseline>(&walked, questions, answers, scratch),
+                    _ => walk::walk::<walk::Baseline>(&walked, traversal, questions, answers, scratch),
                 }
             }
         });

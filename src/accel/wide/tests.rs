@@ -21,6 +21,12 @@ fn soup() -> impl Strategy<Value = Surfaces> {
         })
 }
 
+/// Every way to trace at every level that the processor has.
+fn modes() -> impl Iterator<Item = (Level, Traversal)> {
+    let levels = Level::ALL.into_iter().filter(|level| level.is_available());
+    levels.flat_map(|level| Traversal::ALL.into_iter().map(move |traversal| (level, traversal)))
+}
+
 fn direction() -> impl Strategy<Value = [f64; 3]> {
     let component = || prop_oneof![Just(0.0), Just(-0.0), Just(1.0), Just(-0.5), Just(1e-310), -1.0f64..1.0];
     prop::array::uniform3(component()).prop_filter("a direction", |d| d.iter().any(|c| c.abs() > 1e-3))
@@ -63,9 +69,9 @@ proptest! {
         let truth: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
         let hits: Vec<bool> = truth.iter().map(Answer::is_hit).collect();
         let mut answers = vec![Answer::MISS; rays.len()];
-        for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
-            wide.trace_rays(level, &surfaces, &rays, false, &mut answers);
-            prop_assert_eq!(&answers, &truth, "{:?}", level);
+        for (level, traversal) in modes() {
+            wide.trace_at(level, traversal, &surfaces, &(rays.as_slice(), false), &mut answers);
+            prop_assert_eq!(&answers, &truth, "{:?} {:?}", level, traversal);
             wide.trace_rays(level, &surfaces, &rays, true, &mut answers);
             prop_assert_eq!(answers.iter().map(Answer::is_hit).collect::<Vec<_>>(), hits.clone(), "{:?}", level);
         }

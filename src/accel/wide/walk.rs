@@ -4,10 +4,11 @@
 //! within bounds, ends the search behind it as well as a decided one. Only where the f32 filter is unsure, or two bounds overlap, f64 decides at once; else only of the last
 //! candidate, when the walk is over. Should it then contradict a bound (it never has), the ray is walked again without putting anything off.
 
-use super::bundle::{Batch, Bundle, Questions, RAYS, Walked};
+use super::bundle::{Batch, Bundle, Questions, RAYS, Walked, first_lanes};
 use super::finish::Decisions;
 use super::flight::{self, Stacks, Tickets};
 use super::lanes::{Eight, Plain, Vector};
+use super::level::Traversal;
 use super::packet::{self, Entry};
 use crate::geometry::record::Answer;
 
@@ -177,6 +178,7 @@ instructions!(
 /// The level's instructions are there.
 pub unsafe fn walk<I: Instructions>(
     walked: &Walked,
+    traversal: Traversal,
     questions: &(impl Questions + ?Sized),
     answers: &mut [Answer],
     scratch: &mut Scratch,
@@ -189,7 +191,10 @@ pub unsafe fn walk<I: Instructions>(
         // SAFETY: the caller's promise.
         unsafe {
             I::fill(&batch, &mut scratch.bundles[bundles], first, count);
-            let mut alone = I::packets(&batch, bundles, scratch);
+            let mut alone = match traversal {
+                Traversal::Chosen => I::packets(&batch, bundles, scratch),
+                Traversal::Flights | Traversal::Single => first_lanes(count),
+            };
             if alone == 0 {
                 finish::<I>(&batch, bundles, answers, scratch);
                 continue;
@@ -200,14 +205,14 @@ pub unsafe fn walk<I: Instructions>(
             }
             bundles += 1;
             if bundles == TOGETHER {
-                fly::<I>(&batch, bundles, answers, scratch);
+                fly::<I>(&batch, traversal, bundles, answers, scratch);
                 bundles = 0;
             }
         }
     }
     if bundles > 0 {
         // SAFETY: the caller's promise.
-        unsafe { fly::<I>(&batch, bundles, answers, scratch) };
+        unsafe { fly::<I>(&batch, traversal, bundles, answers, scratch) };
     }
 }
 
@@ -217,13 +222,17 @@ pub unsafe fn walk<I: Instructions>(
 /// The level's instructions are there.
 unsafe fn fly<I: Instructions>(
     batch: &Batch<impl Questions + ?Sized>,
+    traversal: Traversal,
     bundles: usize,
     answers: &mut [Answer],
     scratch: &mut Scratch,
 ) {
-    let tickets = Tickets { tickets: &scratch.tickets, from: 0, lazy: true };
-    // SAFETY: the caller's promise.
-    unsafe { I::fly(batch, &mut scratch.bundles, &tickets, &mut scratch.stacks) };
+    let at_once = if traversal == Traversal::Single { 1 } else { TOGETHER * RAYS };
+    for tickets in scratch.tickets.chunks(at_once) {
+        let tickets = Tickets { tickets, from: 0, lazy: true };
+        // SAFETY: the caller's promise.
+        unsafe { I::fly(batch, &mut scratch.bundles, &tickets, &mut scratch.stacks) };
+    }
     scratch.tickets.clear();
     for number in 0..bundles {
         // SAFETY: the caller's promise.
