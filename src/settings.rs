@@ -102,7 +102,7 @@ pub enum Encoding {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunSettings {
     pub accel: AccelKind,
-    pub build: BuildPreset,
+    pub build: BuildSettings,
     pub split: Split,
     /// Edge of a tile in pixels, 1 ..= 4096.
     pub tile_size: u32,
@@ -112,7 +112,7 @@ impl Default for RunSettings {
     fn default() -> Self {
         RunSettings {
             accel: AccelKind::Bvh,
-            build: BuildPreset::Balanced,
+            build: BuildSettings::default(),
             split: Split::Tiles,
             tile_size: 32,
         }
@@ -125,8 +125,36 @@ impl Default for RunSettings {
 pub enum AccelKind {
     /// A bounding volume hierarchy.
     Bvh,
+    /// A uniform grid.
+    Grid,
     /// Every primitive is tested: a check, not a way to render.
     Brute,
+}
+
+/// How structures are built.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BuildSettings {
+    /// Of the hierarchy.
+    pub preset: BuildPreset,
+    /// Cells of the grid for each primitive, above 0.
+    pub grid_density: f64,
+}
+
+impl BuildSettings {
+    /// Measured: coarser grids test far more primitives where a scene is uneven, finer ones gain little where it is even.
+    pub const GRID_DENSITY: f64 = 4.0;
+}
+
+impl From<BuildPreset> for BuildSettings {
+    fn from(preset: BuildPreset) -> Self {
+        BuildSettings { preset, grid_density: Self::GRID_DENSITY }
+    }
+}
+
+impl Default for BuildSettings {
+    fn default() -> Self {
+        BuildPreset::default().into()
+    }
 }
 
 /// How much time the building of the hierarchy is given, so that tracing takes less.

@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use std::process::{Command, ExitCode};
 
 use common::{fingerprint, name, render, scenes, small_work};
+use heliostat::accel::Accel;
 use heliostat::cluster::share::Share;
 use heliostat::cluster::{self, Comm};
 use heliostat::error::Result;
@@ -16,7 +17,7 @@ use heliostat::job::{self, Crew, Work};
 use heliostat::output::progress::ProgressKind;
 use heliostat::output::stats::RankStats;
 use heliostat::output::timeline::Timeline;
-use heliostat::settings::AccelKind;
+use heliostat::settings::{AccelKind, BuildSettings};
 
 /// Set for the processes that are ranks.
 const RANK_PROCESS: &str = "HELIOSTAT_TEST_RANK";
@@ -44,6 +45,12 @@ fn render_all(comm: &dyn Comm) -> Result<()> {
             let small = share_small(comm, &origin)?;
             comm.set_chunk_bytes(if small { chunk_bytes } else { chunk_bytes.max(65_536) });
             origin.run.tile_size = tile_size;
+            // The last way goes through the grid, too.
+            if way == WAYS.len() - 1 && comm.rank() == 0 {
+                origin.run.accel = AccelKind::Grid;
+                origin.accel =
+                    Accel::build(AccelKind::Grid, BuildSettings::default(), &origin.scene.surfaces);
+            }
             let mut work = if comm.rank() == 0 { origin.clone() } else { Work::default() };
             work.share(Share::new(comm))?;
             let pool = job::thread_pool(threads)?;

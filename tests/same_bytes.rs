@@ -5,9 +5,10 @@ mod common;
 use std::path::PathBuf;
 
 use common::{fingerprint, name, render, repository, scenes, small_work};
+use heliostat::accel::Accel;
 use heliostat::image::Image;
 use heliostat::output::write::{Format, WriteOptions, encode};
-use heliostat::settings::{AccelKind, Crop};
+use heliostat::settings::{AccelKind, BuildSettings, Crop};
 
 #[test]
 fn threads_and_tiles_change_nothing() {
@@ -34,7 +35,19 @@ fn brute_force_sees_the_same() {
         work.image.spp = 1;
         let expected = fingerprint(&render(&work, 2));
         work.run.accel = AccelKind::Brute;
-        work.accel = heliostat::accel::Accel::Brute;
+        work.accel = Accel::Brute;
+        assert_eq!(fingerprint(&render(&work, 2)), expected, "{}", name(&scene));
+    }
+}
+
+#[test]
+fn the_grid_sees_the_same() {
+    for scene in scenes() {
+        let mut work = small_work(&scene, AccelKind::Bvh);
+        work.image.spp = 1;
+        let expected = fingerprint(&render(&work, 2));
+        work.run.accel = AccelKind::Grid;
+        work.accel = Accel::build(AccelKind::Grid, BuildSettings::default(), &work.scene.surfaces);
         assert_eq!(fingerprint(&render(&work, 2)), expected, "{}", name(&scene));
     }
 }

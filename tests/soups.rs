@@ -10,7 +10,7 @@ use heliostat::scene::Surfaces;
 use heliostat::settings::{AccelKind, BuildPreset};
 use proptest::prelude::*;
 
-const ACCELS: [AccelKind; 2] = [AccelKind::Bvh, AccelKind::Brute];
+const ACCELS: [AccelKind; 3] = [AccelKind::Bvh, AccelKind::Grid, AccelKind::Brute];
 
 /// Lattice points make edges, vertices and planes coincide; the others make slivers, specks and plain triangles.
 fn vertex() -> impl Strategy<Value = [f32; 3]> {

@@ -1,13 +1,15 @@
 //! Closest hits and occlusion over the surfaces of a scene. Knows no material, light or rank.
 
 mod brute;
+pub mod grid;
 mod tester;
 pub mod wide;
 
 use crate::geometry::Ray;
 use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
-use crate::settings::{AccelKind, BuildPreset};
+use crate::settings::{AccelKind, BuildSettings};
+use grid::Grid;
 use wide::Wide;
 use wide::level::Level;
 
@@ -15,14 +17,17 @@ use wide::level::Level;
 #[derive(Clone, Debug)]
 pub enum Accel {
     Bvh(Wide),
+    Grid(Grid),
     Brute,
 }
 
 impl Accel {
     /// Builds the structure of the given kind.
-    pub fn build(kind: AccelKind, preset: BuildPreset, surfaces: &Surfaces) -> Accel {
+    pub fn build(kind: AccelKind, build: impl Into<BuildSettings>, surfaces: &Surfaces) -> Accel {
+        let build = build.into();
         match kind {
-            AccelKind::Bvh => Accel::Bvh(Wide::build(surfaces, preset)),
+            AccelKind::Bvh => Accel::Bvh(Wide::build(surfaces, build.preset)),
+            AccelKind::Grid => Accel::Grid(Grid::build(surfaces, build.grid_density)),
             AccelKind::Brute => Accel::Brute,
         }
     }
@@ -31,6 +36,7 @@ impl Accel {
     pub fn memory_to_build(kind: AccelKind, surfaces: &Surfaces) -> u64 {
         match kind {
             AccelKind::Bvh => surfaces.len() as u64 * wide::BYTES_TO_BUILD,
+            AccelKind::Grid => surfaces.len() as u64 * grid::BYTES_TO_BUILD,
             AccelKind::Brute => 0,
         }
     }
@@ -52,6 +58,7 @@ impl Accel {
                 wide.trace_rays(Level::chosen(), surfaces, std::slice::from_ref(ray), any, &mut answer);
                 answer[0]
             }
+            Accel::Grid(grid) => grid.answer(surfaces, ray, any),
             Accel::Brute => brute::answer(surfaces, ray, any),
         }
     }
@@ -64,10 +71,10 @@ impl Accel {
                 answers.resize(records.len(), Answer::MISS);
                 wide.trace(surfaces, records, answers);
             }
-            Accel::Brute => answers.extend(
+            Accel::Grid(_) | Accel::Brute => answers.extend(
                 records
                     .iter()
-                    .map(|record| brute::answer(surfaces, &record.ray(), record.query() == Query::Occluded)),
+                    .map(|record| self.single(surfaces, &record.ray(), record.query() == Query::Occluded)),
             ),
         }
     }
@@ -76,6 +83,7 @@ impl Accel {
     pub fn memory(&self) -> usize {
         match self {
             Accel::Bvh(wide) => wide.memory(),
+            Accel::Grid(grid) => grid.memory(),
             Accel::Brute => 0,
         }
     }

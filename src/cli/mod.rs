@@ -24,7 +24,7 @@ use crate::cluster::{self, Comm, share};
 use crate::error::{Error, Result};
 use crate::scene::Surfaces;
 use crate::scene::load::Budget;
-use crate::settings::{AccelKind, BuildPreset};
+use crate::settings::{AccelKind, BuildSettings};
 
 /// A distributed-memory parallel ray tracer: exact surfaces, and the same bytes however it was run.
 ///
@@ -145,13 +145,18 @@ fn parse() -> Result<Option<Command>> {
 ///
 /// # Errors
 /// It needs more memory than there is.
-fn build_accel(kind: AccelKind, preset: BuildPreset, surfaces: &Surfaces, scene: &Path) -> Result<Accel> {
+fn build_accel(
+    kind: AccelKind,
+    build: impl Into<BuildSettings>,
+    surfaces: &Surfaces,
+    scene: &Path,
+) -> Result<Accel> {
     match Budget::of_machine().lacks(Accel::memory_to_build(kind, surfaces)) {
-        None => Ok(Accel::build(kind, preset, surfaces)),
+        None => Ok(Accel::build(kind, build, surfaces)),
         Some(shortage) => Err(Error::scene(
             scene,
             None,
-            format!("the hierarchy over its {} primitives needs {shortage}", surfaces.len()),
+            format!("the accelerator over its {} primitives needs {shortage}", surfaces.len()),
             "use coarser meshes or fewer levels",
         )),
     }

@@ -17,7 +17,8 @@ use crate::output::write::{self, Target, WriteOptions};
 use crate::output::{file, metadata};
 use crate::scene::load::{self, ImageDefaults};
 use crate::settings::{
-    AccelKind, BuildPreset, Crop, Encoding, Filter, ImageSettings, Integrator, RunSettings, Split,
+    AccelKind, BuildPreset, BuildSettings, Crop, Encoding, Filter, ImageSettings, Integrator, RunSettings,
+    Split,
 };
 
 #[derive(Debug, clap::Args)]
@@ -70,6 +71,9 @@ pub struct Args {
     /// Time given to building the hierarchy, for less time of tracing; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_BUILD", default_value = "balanced", help_heading = "Run")]
     build: BuildPreset,
+    /// Cells of --accel grid for each primitive; never changes a byte of the image
+    #[arg(long, value_name = "X", env = "HELIOSTAT_GRID_DENSITY", default_value_t = BuildSettings::GRID_DENSITY, value_parser = density, help_heading = "Run")]
+    grid_density: f64,
     /// How ranks divide the work; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_SPLIT", default_value = "tiles", help_heading = "Run")]
     split: Split,
@@ -173,8 +177,12 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     stats.seconds.load = begin.elapsed().as_secs_f64();
     let image = image_settings(&args, &loaded.image)?;
     loaded.fit(image.width, image.height);
-    let run =
-        RunSettings { accel: args.accel, build: args.build, split: args.split, tile_size: args.tile_size };
+    let run = RunSettings {
+        accel: args.accel,
+        build: BuildSettings { preset: args.build, grid_density: args.grid_density },
+        split: args.split,
+        tile_size: args.tile_size,
+    };
     if !errand.quiet {
         warn(&loaded.warnings);
     }
@@ -291,6 +299,13 @@ fn weight(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
         _ => Err("give a finite number of 0 or more".into()),
+    }
+}
+
+fn density(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if (1e-6..=1000.0).contains(&value) => Ok(value),
+        _ => Err("give a number of cells for each primitive, from 0.000001 to 1000".into()),
     }
 }
 

@@ -126,8 +126,22 @@ impl Start {
         }
         let along = twofold_dot(&normal, &ray.direction.map(Twofold::from));
         let t = -above.ratio(along);
-        // Also NaN: in the plane, and along it. The boxes that a traversal tests know the computed start only.
-        (t > 0.0 && t < f64::INFINITY).then(|| clamp_to_slabs(ray, other, t).max(0.0))
+        // Also NaN: in the plane, and along it.
+        if !(t > 0.0 && t < f64::INFINITY) {
+            return None;
+        }
+        let t = clamp_to_slabs(ray, other, t);
+        // Before the computed start, which is all that the boxes of a traversal know: at the start, if the triangle is there and not somewhere behind.
+        (t >= 0.0 || self.is_at(other)).then(|| t.max(0.0))
+    }
+
+    /// Whether the box of a triangle holds the start, as far as weights are raised.
+    fn is_at(&self, other: &[[f64; 3]; 3]) -> bool {
+        let aside = 4.0 * FARTHEST * other.iter().fold(self.reach, |m, &v| m.max(norm_max(v)));
+        (0..3).all(|axis| {
+            let [a, b, c] = other.map(|v| v[axis] - self.origin[axis]);
+            a.min(b).min(c) <= aside && a.max(b).max(c) >= -aside
+        })
     }
 
     /// d · ((p − o) × (q − o)): on which side of the edge the ray from the true start passes. Of the same edge the other way round exactly the negative.
@@ -194,6 +208,28 @@ mod tests {
         assert!(!admits([1.0, 0.5, 0.0], slope(0.0, 1.0)));
         assert!(admits([0.5, 1.0, 0.0], slope(1.0, 1.0)));
         assert!(!admits([1.0, 0.5, 0.0], slope(1.0, 1.0)));
+    }
+
+    #[test]
+    fn what_lies_behind_in_a_plane_that_holds_the_ray_is_not_met() {
+        // Straight up from a floor, above a speck whose edge points upwards too.
+        let floor = [[-0.5, 0.5, -0.5], [0.5, 0.5, 0.5], [0.5, 0.5, -0.5]];
+        let speck = [
+            [-2.5e-4, -1.545085e-4, -4.045085e-4],
+            [-4.253254e-4, 0.0, -2.6286553e-4],
+            [-2.5e-4, 1.545085e-4, -4.045085e-4],
+        ]
+        .map(|v: [f64; 3]| v.map(|c| f64::from(c as f32)));
+        let prepared = Prepared::new(&Ray {
+            origin: DVec3::new(-0.000_250_000_011_874_376_7, 0.5, -0.000_404_508_493_375_019_26),
+            direction: DVec3::new(-1e-300, 1.0, 0.0),
+            t_min: 0.0,
+            t_max: f64::INFINITY,
+            first_id: 0,
+            start: NONE,
+        });
+        let start = Start::new(floor, prepared.origin);
+        assert!(start.meet(&prepared, &speck).is_none_or(|hit| hit.t < 0.0));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What every rank holds in the replicated splits, and its way there from rank 0.
 
 use crate::accel::Accel;
+use crate::accel::grid::Grid;
 use crate::accel::wide::Wide;
 use crate::cluster::share::Share;
 use crate::error::Result;
@@ -46,6 +47,19 @@ impl Work {
                 share.value(&mut wide.tree.stack_size)?;
                 share.array(&mut wide.tree.nodes)?;
                 share.array(&mut wide.tree.blocks)
+            }
+            AccelKind::Grid => {
+                if !matches!(self.accel, Accel::Grid(_)) {
+                    self.accel = Accel::Grid(Grid::default());
+                }
+                let Accel::Grid(grid) = &mut self.accel else { return Ok(()) };
+                share.value(&mut grid.low)?;
+                share.value(&mut grid.size)?;
+                share.value(&mut grid.counts)?;
+                share.value(&mut grid.extent)?;
+                share.array(&mut grid.starts)?;
+                share.array(&mut grid.primitives)?;
+                share.array(&mut grid.occupied)
             }
         }
     }

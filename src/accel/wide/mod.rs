@@ -10,6 +10,7 @@ mod flight;
 mod lanes;
 pub mod level;
 mod packet;
+pub mod sieve;
 mod sphere_filter;
 pub mod tree;
 mod walk;

@@ -1,4 +1,5 @@
 use super::super::Accel;
+use super::super::grid::Grid;
 use super::*;
 use crate::geometry::NONE;
 use crate::scene::generate::icosphere::icosphere;
@@ -68,6 +69,13 @@ proptest! {
         }
         let truth: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
         let hits: Vec<bool> = truth.iter().map(Answer::is_hit).collect();
+        for density in [0.01, 1.0, 300.0] {
+            let grid = Accel::Grid(Grid::build(&surfaces, density));
+            for (ray, truth) in rays.iter().zip(&truth) {
+                prop_assert_eq!(&grid.closest(&surfaces, ray), truth, "grid of {} {:?}", density, ray);
+                prop_assert_eq!(grid.occluded(&surfaces, ray), truth.is_hit());
+            }
+        }
         let mut answers = vec![Answer::MISS; rays.len()];
         for (level, traversal) in modes() {
             wide.trace_at(level, traversal, &surfaces, &(rays.as_slice(), false), &mut answers);

@@ -1,0 +1,104 @@
+//! The f32 filters for other structures: of a few primitives those that f64 has to look at.
+
+use super::filter::{FilterRay, deltas, holds};
+use super::lanes::{Eight, Plain};
+use super::level::Level;
+use super::tree::WIDTH;
+use crate::geometry::{Prepared, norm_max, round_down, round_up};
+use crate::scene::Surfaces;
+
+/// A ray that sifts primitives.
+pub struct Sieve {
+    level: Level,
+    filter: FilterRay,
+    t_min: f32,
+    /// Whether f32 can hold the numbers.
+    holds: bool,
+}
+
+/// Primitives side by side, as in a block.
+#[repr(align(32))]
+struct Corners([[[f32; WIDTH]; 3]; 3]);
+
+impl Sieve {
+    /// `extent` is the largest magnitude of a coordinate of the scene's box.
+    pub fn new(level: Level, ray: &Prepared, extent: f64) -> Sieve {
+        let length = norm_max(ray.origin) + extent;
+        let (delta, t_delta) = deltas(length, 0.0, 0.0);
+        let axes = [ray.kx, ray.ky, ray.kz];
+        let inverse_z = 1.0 / ray.direction[ray.kz] as f32;
+        let filter = FilterRay {
+            axes: axes.map(|axis| axis as u8),
+            origin: axes.map(|axis| ray.origin[axis] as f32),
+            shear: [ray.kx, ray.ky].map(|axis| ray.direction[axis] as f32 * inverse_z),
+            inverse_z,
+            delta,
+            t_delta,
+        };
+        Sieve { level, filter, t_min: round_down(ray.t_min), holds: holds(length) }
+    }
+
+    /// A bit for each of up to eight primitives, all triangles or all spheres, that the ray may meet up to `limit`.
+    pub fn survivors(&self, surfaces: &Surfaces, ids: &[u32], limit: f64) -> u32 {
+        let ids = &ids[..ids.len().min(WIDTH)];
+        let wanted = (1u32 << ids.len()) - 1;
+        let Some(&first) = ids.first().filter(|_| self.holds) else { return wanted };
+        let are_spheres = surfaces.sphere_at(first).is_some();
+        let mut corners = Corners([[[0.0; WIDTH]; 3]; 3]);
+        for (lane, &id) in ids.iter().enumerate() {
+            let values = match surfaces.sphere_at(id) {
+                None => surfaces.triangle(id),
+                Some(sphere) => [sphere.center, [sphere.radius; 3], [0.0; 3]],
+            };
+            for vertex in 0..3 {
+                for axis in 0..3 {
+                    corners.0[vertex][axis][lane] = values[vertex][axis];
+                }
+            }
+        }
+        let limit = round_up(limit);
+        // SAFETY: only levels that the processor has are made sieves for.
+        let out = unsafe {
+            match self.level {
+                #[cfg(target_arch = "x86_64")]
+                Level::Avx2 => self.out_avx2(&corners, are_spheres, limit, wanted),
+                #[cfg(target_arch = "x86_64")]
+                Level::Avx512 => self.out_avx512(&corners, are_spheres, limit, wanted),
+                _ => self.out::<Plain>(&corners, are_spheres, limit, wanted),
+            }
+        };
+        wanted & !out
+    }
+
+    /// # Safety
+    /// The processor has AVX2 and FMA.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma")]
+    unsafe fn out_avx2(&self, corners: &Corners, are_spheres: bool, limit: f32, wanted: u32) -> u32 {
+        // SAFETY: the caller's promise.
+        unsafe { self.out::<super::lanes::Avx2>(corners, are_spheres, limit, wanted) }
+    }
+
+    /// # Safety
+    /// The processor has AVX-512 F, VL, DQ and BW.
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
+    unsafe fn out_avx512(&self, corners: &Corners, are_spheres: bool, limit: f32, wanted: u32) -> u32 {
+        // SAFETY: the caller's promise.
+        unsafe { self.out::<super::lanes::Avx512>(corners, are_spheres, limit, wanted) }
+    }
+
+    /// # Safety
+    /// The level's instructions are there.
+    #[inline(always)]
+    unsafe fn out<E: Eight>(&self, corners: &Corners, are_spheres: bool, limit: f32, wanted: u32) -> u32 {
+        // SAFETY: corners are aligned to 32 bytes; axes are below 3; the rest is the caller's promise.
+        unsafe {
+            if are_spheres {
+                self.filter.judge_spheres::<E>(&corners.0, self.t_min, limit, wanted).judged.out
+            } else {
+                self.filter.judge::<E>(&corners.0, self.t_min, limit, wanted).out
+            }
+        }
+    }
+}
