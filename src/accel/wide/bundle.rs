@@ -1,4 +1,4 @@
-//! 64 rays side by side: what the f32 kernels need of them, what has been found for them, and the f64 decisions about single rays.
+//! 64 rays side by side: what the f32 kernels need of them, and what has been found for them.
 //!
 //! Boxes. u = 2^-24, L = |origin|∞ + extent. Slabs are (plane · inverse) - (origin ± 12uL) · inverse. In units of uL |inverse| the origin's rounding, its sum and product take 3,
 //! the result 2, and the inverse, the same in both terms and off by 2.5u of itself, 5: so entries are never late and exits never early. An inverse beyond 1e18 is cut to
@@ -6,12 +6,10 @@
 //! An origin far outside is first moved along the ray to the scene's box, in f64; all t of the f32 kernels count from there.
 
 use super::filter::{FilterRay, U, deltas, holds};
-use super::tree::{Block, SPHERE_CANDIDATE, TreeView, WIDTH};
-use crate::accel::tester::{Best, Tester};
+use super::questions::{Batch, Questions, Walked};
+use crate::accel::tester::Best;
 use crate::geometry::bounds::Slabs;
-use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::geometry::{NONE, Prepared, Ray, dot, norm_max};
-use crate::scene::Surfaces;
 
 /// Rays of a bundle: a bit of a `u64` for each.
 pub const RAYS: usize = 64;
@@ -23,73 +21,6 @@ const NEAR_ENOUGH: f64 = 4.0;
 const ROUNDING: f64 = 1.0 / 8_388_608.0;
 /// Put aside of every t beside that: far below what the filter can tell, yet no denormal number, which processors are slow with.
 const LEAST: f64 = 1e-30;
-
-/// What is walked.
-#[derive(Clone, Copy)]
-pub struct Walked<'a> {
-    pub tree: TreeView<'a>,
-    pub surfaces: &'a Surfaces,
-    /// The largest magnitude of a coordinate of the boxes.
-    pub extent: f64,
-    /// Corners of the scene's box.
-    pub low: [f32; 3],
-    pub high: [f32; 3],
-}
-
-/// The rays of a batch.
-pub trait Questions {
-    /// A ray, and whether anything that it meets will do.
-    fn question(&self, index: usize) -> (Ray, bool);
-
-    /// Fetches what a question will be read from into the cache.
-    fn prefetch(&self, index: usize);
-}
-
-/// Fetches a record ahead of its use; one beyond the end is none.
-#[inline(always)]
-pub fn prefetch_record<T>(records: &[T], index: usize) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        let from: *const i8 = records.as_ptr().wrapping_add(index).cast();
-        for line in (0..size_of::<T>()).step_by(64) {
-            // SAFETY: a hint; any address will do.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(from.wrapping_add(line)) };
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (records, index);
-}
-
-impl Questions for [RayRecord] {
-    #[inline(always)]
-    fn question(&self, index: usize) -> (Ray, bool) {
-        (self[index].ray(), self[index].query() == Query::Occluded)
-    }
-
-    #[inline(always)]
-    fn prefetch(&self, index: usize) {
-        prefetch_record(self, index);
-    }
-}
-
-impl Questions for (&[Ray], bool) {
-    #[inline(always)]
-    fn question(&self, index: usize) -> (Ray, bool) {
-        (self.0[index], self.1)
-    }
-
-    #[inline(always)]
-    fn prefetch(&self, index: usize) {
-        prefetch_record(self.0, index);
-    }
-}
-
-/// The batch, and what its rays go through.
-pub struct Batch<'a, 'q, Q: ?Sized> {
-    pub walked: &'q Walked<'a>,
-    pub questions: &'q Q,
-}
 
 /// What has been found for a ray on its way.
 ///
@@ -145,9 +76,9 @@ pub struct Bundle {
     /// The axis of the direction's largest component times 8, plus the signs of its components: bit k for a negative component k.
     pub class: [u32; RAYS],
     pub exact: Exact,
-    best: [Best; RAYS],
+    pub best: [Best; RAYS],
     /// Lanes with a decided hit.
-    decided: u64,
+    pub decided: u64,
     /// Lanes that ask for any hit, and those of them that have one.
     pub any: u64,
     pub found: u64,
@@ -416,118 +347,10 @@ impl Bundle {
             t_delta: self.t_delta,
         }
     }
-
-    /// A lane's ray with what has been decided of it.
-    fn tester<'a>(&self, batch: &Batch<'a, '_, impl Questions + ?Sized>, lane: usize) -> Tester<'a> {
-        let mut tester = Tester::new(batch.walked.surfaces, &batch.questions.question(self.first + lane).0);
-        if self.decided >> lane & 1 == 1 {
-            tester.resume(&self.best[lane]);
-        }
-        tester
-    }
-
-    /// Whether f64 has decided no hit of any lane.
-    #[inline(always)]
-    pub fn are_undecided(&self) -> bool {
-        self.decided == 0
-    }
-
-    /// The least decided t of a lane, or its ray's end.
-    fn t_best(&self, lane: usize) -> f64 {
-        if self.decided >> lane & 1 == 1 { self.best[lane].t } else { self.exact.t_max[lane] }
-    }
-
-    fn keep_best(&mut self, lane: usize, tester: &Tester) {
-        if tester.found() {
-            self.best[lane] = tester.best();
-            self.decided |= 1 << lane;
-        }
-    }
-
-    /// Puts the primitives `open` of a block to the f64 test; whether the ray has found all that it asks.
-    #[inline(never)]
-    pub fn decide(
-        &mut self,
-        batch: &Batch<impl Questions + ?Sized>,
-        lane: usize,
-        progress: &mut Progress,
-        (block, are_spheres): (&Block, bool),
-        mut open: u32,
-    ) -> bool {
-        let mut tester = self.tester(batch, lane);
-        let before = tester.t_best;
-        while open != 0 {
-            let k = open.trailing_zeros() as usize;
-            open &= open - 1;
-            let id = block.ids[k];
-            if are_spheres {
-                tester.test(id);
-            } else {
-                tester.test_corners(id, &corners(block, k));
-            }
-            if self.any >> lane & 1 == 1 && tester.found() {
-                self.found |= 1 << lane;
-                return true;
-            }
-        }
-        self.keep_best(lane, &tester);
-        if tester.t_best < before {
-            self.reconcile(batch, lane, progress);
-        }
-        false
-    }
-
-    /// Settles the candidate where what has been decided doesn't lie clear of it.
-    fn reconcile(&mut self, batch: &Batch<impl Questions + ?Sized>, lane: usize, progress: &mut Progress) {
-        if progress.candidate != NONE {
-            let (decided, off) = (self.t_best(lane) - self.exact.moved[lane], self.exact.moved_off[lane]);
-            if decided + off < f64::from(progress.low) {
-                progress.forget();
-            } else if decided - off <= f64::from(progress.high) {
-                self.settle(batch, lane, progress);
-            }
-        }
-        let (t, off) = (self.t_best(lane) - self.exact.moved[lane], self.exact.moved_off[lane]);
-        let limit = upper(t + off);
-        progress.limit = if progress.candidate == NONE { limit } else { progress.limit.min(limit) };
-        progress.sure[1] = lower(t - off);
-    }
-
-    /// Decides the candidate.
-    #[inline(never)]
-    pub fn settle(&mut self, batch: &Batch<impl Questions + ?Sized>, lane: usize, progress: &mut Progress) {
-        let (block, k) = batch.walked.tree.candidate(progress.candidate);
-        let mut tester = self.tester(batch, lane);
-        let is_sphere = progress.candidate & SPHERE_CANDIDATE != 0;
-        let t = if is_sphere { tester.meet_sphere(block.ids[k]) } else { None };
-        let hit = if is_sphere { None } else { tester.meet(&corners(block, k)) };
-        let t = t.or(hit.as_ref().map(|hit| hit.t)).map(|t| t - self.exact.moved[lane]);
-        let off = self.exact.moved_off[lane];
-        if t.is_some_and(|t| t + off >= f64::from(progress.low) && t - off <= f64::from(progress.high)) {
-            if is_sphere {
-                tester.test(block.ids[k]);
-            } else {
-                tester.offer_hit(block.ids[k], hit);
-            }
-            self.keep_best(lane, &tester);
-        } else {
-            self.contradicted |= 1 << lane;
-        }
-        progress.forget();
-    }
-
-    /// What has been decided of a lane whose candidate is settled.
-    pub fn answer(&self, batch: &Batch<impl Questions + ?Sized>, lane: usize) -> Answer {
-        match self.any >> lane & 1 == 1 {
-            true if self.found >> lane & 1 == 1 => Answer { primitive: 0, ..Answer::MISS },
-            false if self.decided >> lane & 1 == 1 => self.tester(batch, lane).verdict(false),
-            _ => Answer::MISS,
-        }
-    }
 }
 
 impl Progress {
-    fn forget(&mut self) {
+    pub fn forget(&mut self) {
         (self.low, self.high, self.candidate) = (f32::INFINITY, f32::INFINITY, NONE);
     }
 }
@@ -552,14 +375,14 @@ pub fn of_axis<T>(along_x: bool, along_y: bool, [x, y, z]: [T; 3]) -> T {
 
 /// An f32 at or below t, by at most an ulp or two. Infinity stays.
 #[inline(always)]
-fn lower(t: f64) -> f32 {
+pub fn lower(t: f64) -> f32 {
     let t = if t < f64::MAX { t } else { f64::MAX };
     (t - t.abs() * ROUNDING - LEAST) as f32
 }
 
 /// An f32 at or above t, by at most an ulp or two. Infinity stays.
 #[inline(always)]
-fn upper(t: f64) -> f32 {
+pub fn upper(t: f64) -> f32 {
     -lower(-t)
 }
 
@@ -573,15 +396,4 @@ fn move_to_box(walked: &Walked, ray: &Ray) -> (f64, f64, [f64; 3]) {
     let from = std::array::from_fn(|axis| ray.origin[axis] + moved * ray.direction[axis]);
     // Rounding the point takes far less than the decision's t may be off: twice what `triangle::GRAZING` derives.
     (moved, (norm_max(ray.origin) + walked.extent) * (1.0 / (1u64 << 31) as f64), from)
-}
-
-#[inline(always)]
-pub fn corners(block: &Block, lane: usize) -> [[f64; 3]; 3] {
-    let mut corners = [[0.0; 3]; 3];
-    for vertex in 0..3 {
-        for axis in 0..3 {
-            corners[vertex][axis] = f64::from(block.corners[vertex][axis][lane & (WIDTH - 1)]);
-        }
-    }
-    corners
 }

@@ -2,7 +2,8 @@
 //!
 //! Whatever is out of the ordinary (a grazing ray, an edge within rounding, a start that may be in doubt, an origin that was moved) is left to the decision for single rays.
 
-use super::bundle::{Batch, Bundle, Questions, RAYS, larger, of_axis};
+use super::bundle::{Bundle, RAYS, larger, of_axis};
+use super::questions::{Batch, Questions};
 use super::tree::SPHERE_CANDIDATE;
 use crate::geometry::NONE;
 use crate::geometry::record::Answer;

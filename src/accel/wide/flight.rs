@@ -5,9 +5,10 @@
 
 use std::mem::MaybeUninit;
 
-use super::bundle::{Batch, Bundle, Progress, Questions, RAYS};
+use super::bundle::{Bundle, Progress, RAYS};
 use super::filter::{FilterRay, Judged};
 use super::lanes::{Eight, Vector};
+use super::questions::{Batch, Questions};
 use super::tree::{Block, EMPTY, LEAF, Node, SPHERE_CANDIDATE, SPHERES, TreeView, WIDTH, block_number};
 
 /// Rays in flight.

@@ -2,14 +2,17 @@
 //!
 //! Built from obvhs's binary tree (PLOC, Meister and Bittner 2018, with reinsertion). Any number of threads builds the same tree.
 
+mod beam;
 mod bundle;
 mod collapse;
+mod decide;
 mod filter;
 mod finish;
 mod flight;
 mod lanes;
 pub mod level;
 mod packet;
+mod questions;
 pub mod sieve;
 mod sphere_filter;
 pub mod tree;
@@ -28,9 +31,9 @@ use crate::geometry::record::{Answer, RayRecord};
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 use crate::settings::BuildPreset;
-use bundle::Walked;
-pub use bundle::{Questions, prefetch_record};
 use level::{Level, Traversal};
+use questions::Walked;
+pub use questions::{Questions, prefetch_record};
 use tree::Tree;
 use walk::Scratch;
 

@@ -4,12 +4,13 @@
 //! within bounds, ends the search behind it as well as a decided one. Only where the f32 filter is unsure, or two bounds overlap, f64 decides at once; else only of the last
 //! candidate, when the walk is over. Should it then contradict a bound (it never has), the ray is walked again without putting anything off.
 
-use super::bundle::{Batch, Bundle, Questions, RAYS, Walked, first_lanes};
+use super::bundle::{Bundle, RAYS, first_lanes};
 use super::finish::Decisions;
 use super::flight::{self, Stacks, Tickets};
 use super::lanes::{Eight, Plain, Vector};
 use super::level::Traversal;
 use super::packet::{self, Entry};
+use super::questions::{Batch, Questions, Walked};
 use crate::geometry::record::Answer;
 
 /// Bundles whose rays are in flight together.
