@@ -149,7 +149,7 @@ impl Flight {
         if !self.filters {
             return bundle.decide(batch, lane, &mut self.progress, (block, are_spheres), all);
         }
-        let ray = FewRays { filter: &self.filter, start: self.start, t_min: self.t_min, any: self.any };
+        let ray = LoneRay { filter: &self.filter, start: self.start, t_min: self.t_min, any: self.any };
         // SAFETY: the caller's promise; a flight's axes are below 3.
         match unsafe { ray.meet::<E>((block, are_spheres), number, all, self.lazy, &mut self.progress) } {
             Met::Nothing => false,
@@ -163,7 +163,7 @@ impl Flight {
 }
 
 /// What one ray asks of a block.
-pub struct FewRays<'f> {
+pub struct LoneRay<'f> {
     pub filter: &'f FilterRay,
     pub start: u32,
     pub t_min: f32,
@@ -179,7 +179,7 @@ pub enum Met {
     Unsure(u32),
 }
 
-impl FewRays<'_> {
+impl LoneRay<'_> {
     /// Judges the primitives `all` of a block, and takes the nearest that is surely met as the candidate.
     ///
     /// # Safety

@@ -6,7 +6,7 @@
 use super::beam::{Beam, largest};
 use super::bundle::{Bundle, RAYS, axes, first_lanes};
 use super::filter::{Judged, Rays};
-use super::flight::{FewRays, Met, Tickets};
+use super::flight::{LoneRay, Met, Tickets};
 use super::lanes::Vector;
 use super::questions::{Batch, Questions};
 use super::tree::{Block, EMPTY, LEAF, Node, SPHERE_CANDIDATE, SPHERES, WIDTH, block_number};
@@ -268,7 +268,7 @@ impl Packet {
     ) {
         let (filter, mut progress) = (bundle.filter_ray(lane), bundle.progress(lane));
         let ray =
-            FewRays { filter: &filter, start: bundle.start[lane], t_min: bundle.t_min[lane], any: self.any };
+            LoneRay { filter: &filter, start: bundle.start[lane], t_min: bundle.t_min[lane], any: self.any };
         // SAFETY: the caller's promise; axes are below 3.
         match unsafe { ray.meet::<I::Eight>(block, number, touched, true, &mut progress) } {
             Met::Nothing => {}
