@@ -11,16 +11,15 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use rayon::prelude::*;
 
-use super::brute;
 use super::tester::Tester;
 use super::wide::level::Level;
 use super::wide::sieve::Sieve;
 use super::wide::tree::WIDTH;
+use super::{brute, solid};
 use crate::geometry::record::Answer;
 use crate::geometry::{NONE, Ray, norm_max, sub};
 use crate::memory::{Array, HugeArray};
 use crate::scene::Surfaces;
-use crate::scene::mesh::has_area;
 
 /// Bytes for each primitive while the grid is built, at up to a cell for each: a list's entry and a cell twice, at some eight entries for each.
 pub const BYTES_TO_BUILD: u64 = 120;
@@ -58,10 +57,7 @@ pub struct Grid {
 impl Grid {
     /// Builds over all primitives but triangles without area, with about `density` cells for each. On the current rayon pool; the same grid for any number of threads.
     pub fn build(surfaces: &Surfaces, mut density: f64) -> Grid {
-        let ids: Vec<u32> = (0..surfaces.len() as u32)
-            .into_par_iter()
-            .filter(|&id| surfaces.sphere_at(id).is_some() || has_area(&surfaces.triangle(id)))
-            .collect();
+        let ids = solid(surfaces);
         let Some((low, high)) = surfaces.bounds().filter(|_| !ids.is_empty()) else {
             return Grid::default();
         };

@@ -8,8 +8,10 @@ pub mod wide;
 use crate::geometry::Ray;
 use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
+use crate::scene::mesh::has_area;
 use crate::settings::{AccelKind, BuildSettings};
 use grid::Grid;
+use rayon::prelude::*;
 use wide::Wide;
 use wide::level::Level;
 
@@ -21,7 +23,32 @@ pub enum Accel {
     Brute,
 }
 
+/// The primitives that rays can meet: all but triangles without area. On the current rayon pool.
+fn solid(surfaces: &Surfaces) -> Vec<u32> {
+    (0..surfaces.len() as u32)
+        .into_par_iter()
+        .filter(|&id| surfaces.sphere_at(id).is_some() || has_area(&surfaces.triangle(id)))
+        .collect()
+}
+
 impl Accel {
+    /// Nothing in it: to be filled by what another rank has built.
+    pub fn empty(kind: AccelKind) -> Accel {
+        match kind {
+            AccelKind::Bvh => Accel::Bvh(Wide::default()),
+            AccelKind::Grid => Accel::Grid(Grid::default()),
+            AccelKind::Brute => Accel::Brute,
+        }
+    }
+
+    pub fn kind(&self) -> AccelKind {
+        match self {
+            Accel::Bvh(_) => AccelKind::Bvh,
+            Accel::Grid(_) => AccelKind::Grid,
+            Accel::Brute => AccelKind::Brute,
+        }
+    }
+
     /// Builds the structure of the given kind.
     pub fn build(kind: AccelKind, build: impl Into<BuildSettings>, surfaces: &Surfaces) -> Accel {
         let build = build.into();

@@ -1,12 +1,10 @@
 //! What every rank holds in the replicated splits, and its way there from rank 0.
 
 use crate::accel::Accel;
-use crate::accel::grid::Grid;
-use crate::accel::wide::Wide;
 use crate::cluster::share::Share;
 use crate::error::Result;
 use crate::scene::{Scene, Texture};
-use crate::settings::{AccelKind, ImageSettings, RunSettings};
+use crate::settings::{ImageSettings, RunSettings};
 
 /// The whole work of a render: scene, accelerator and settings.
 #[derive(Clone, Debug)]
@@ -35,24 +33,19 @@ impl Work {
         share.value(&mut self.image)?;
         share.value(&mut self.run)?;
         share_scene(&mut self.scene, share)?;
-        match self.run.accel {
-            AccelKind::Brute => Ok(()),
-            AccelKind::Bvh => {
-                if !matches!(self.accel, Accel::Bvh(_)) {
-                    self.accel = Accel::Bvh(Wide::default());
-                }
-                let Accel::Bvh(wide) = &mut self.accel else { return Ok(()) };
+        if self.accel.kind() != self.run.accel {
+            self.accel = Accel::empty(self.run.accel);
+        }
+        match &mut self.accel {
+            Accel::Brute => Ok(()),
+            Accel::Bvh(wide) => {
                 share.value(&mut wide.low)?;
                 share.value(&mut wide.high)?;
                 share.value(&mut wide.tree.stack_size)?;
                 share.array(&mut wide.tree.nodes)?;
                 share.array(&mut wide.tree.blocks)
             }
-            AccelKind::Grid => {
-                if !matches!(self.accel, Accel::Grid(_)) {
-                    self.accel = Accel::Grid(Grid::default());
-                }
-                let Accel::Grid(grid) = &mut self.accel else { return Ok(()) };
+            Accel::Grid(grid) => {
                 share.value(&mut grid.low)?;
                 share.value(&mut grid.size)?;
                 share.value(&mut grid.counts)?;

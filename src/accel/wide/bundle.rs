@@ -231,7 +231,9 @@ impl Bundle {
     fn come_near(&mut self, batch: &Batch<impl Questions + ?Sized>) -> f64 {
         let (mut most, exact) = (0.0, &mut self.exact);
         for lane in 0..RAYS {
-            let ray = batch.questions.question(self.first + lane.min(self.count - 1)).0;
+            // Lanes that aren't filled repeat the first.
+            let asked = if lane < self.count { lane } else { 0 };
+            let ray = batch.questions.question(self.first + asked).0;
             if norm_max(ray.origin.to_array()) > NEAR_ENOUGH * batch.walked.extent {
                 let (moved, off, from) = move_to_box(batch.walked, &ray);
                 (exact.moved[lane], exact.moved_off[lane]) = (moved, off);

@@ -6,7 +6,7 @@
 use obvhs::bvh2::Bvh2;
 use rayon::prelude::*;
 
-use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, Tree, WIDTH};
+use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, Tree, WIDTH, put};
 use crate::scene::Surfaces;
 
 /// Subtrees that are worked on side by side.
@@ -370,15 +370,7 @@ impl Collapse<'_> {
                 continue;
             }
             let id = self.source.id(index);
-            let corners = match self.source.surfaces.sphere_at(id) {
-                None => self.source.surfaces.triangle(id),
-                Some(sphere) => [sphere.center, [sphere.radius; 3], [0.0; 3]],
-            };
-            for vertex in 0..3 {
-                for axis in 0..3 {
-                    block.corners[vertex][axis][lane] = corners[vertex][axis];
-                }
-            }
+            put(&mut block.corners, lane, self.source.surfaces, id);
             block.ids[lane] = id;
             lane += 1;
         }

@@ -17,12 +17,6 @@ impl Bundle {
         tester
     }
 
-    /// Whether f64 has decided no hit of any lane.
-    #[inline(always)]
-    pub fn are_undecided(&self) -> bool {
-        self.decided == 0
-    }
-
     /// The least decided t of a lane, or its ray's end.
     fn t_best(&self, lane: usize) -> f64 {
         if self.decided >> lane & 1 == 1 { self.best[lane].t } else { self.exact.t_max[lane] }

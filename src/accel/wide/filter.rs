@@ -17,6 +17,7 @@
 use super::lanes::{Eight, Vector};
 use super::sphere_filter::JudgedSpheres;
 use super::tree::WIDTH;
+use crate::geometry::Prepared;
 
 /// Half an ulp of 1 in f32.
 pub const U: f64 = 1.0 / 16_777_216.0;
@@ -127,6 +128,21 @@ pub struct FilterRay {
 }
 
 impl FilterRay {
+    /// A ray alone, with its own origin; `length` is L.
+    pub fn new(ray: &Prepared, length: f64) -> Self {
+        let (delta, t_delta) = deltas(length, 0.0, 0.0);
+        let axes = [ray.kx, ray.ky, ray.kz];
+        let inverse_z = 1.0 / ray.direction[ray.kz] as f32;
+        FilterRay {
+            axes: axes.map(|axis| axis as u8),
+            origin: axes.map(|axis| ray.origin[axis] as f32),
+            shear: [ray.kx, ray.ky].map(|axis| ray.direction[axis] as f32 * inverse_z),
+            inverse_z,
+            delta,
+            t_delta,
+        }
+    }
+
     /// Judges triangles `corners[vertex][axis][lane]`, aligned to 32 bytes, against hits from `t_min` to `limit`.
     ///
     /// # Safety
@@ -346,17 +362,7 @@ mod tests {
             if !holds(length) {
                 continue;
             }
-            let (axes, from) = ([prepared.kx, prepared.ky, prepared.kz], prepared.origin);
-            let (delta, t_delta) = deltas(length, 0.0, 0.0);
-            let inverse_z = 1.0 / prepared.direction[prepared.kz] as f32;
-            let filter = FilterRay {
-                axes: axes.map(|axis| axis as u8),
-                origin: axes.map(|axis| from[axis] as f32),
-                shear: [axes[0], axes[1]].map(|axis| prepared.direction[axis] as f32 * inverse_z),
-                inverse_z,
-                delta,
-                t_delta,
-            };
+            let filter = FilterRay::new(&prepared, length);
             let mut block = Block::zeroed();
             let triangles: [[[f32; 3]; 3]; WIDTH] =
                 std::array::from_fn(|lane| if lane == 0 { first } else { case(&mut numbers).1 });

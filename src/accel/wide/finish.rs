@@ -55,7 +55,7 @@ impl Decisions {
                 }
             }
         }
-        if !any_candidate && bundle.are_undecided() {
+        if !any_candidate && bundle.decided == 0 {
             for (lane, answer) in answers[first..first + count].iter_mut().enumerate() {
                 let primitive = if bundle.found >> lane & 1 == 1 { 0 } else { NONE };
                 *answer = Answer { primitive, ..Answer::MISS };

@@ -9,7 +9,7 @@ use super::bundle::{Bundle, Progress, RAYS};
 use super::filter::{FilterRay, Judged};
 use super::lanes::{Eight, Vector};
 use super::questions::{Batch, Questions};
-use super::tree::{Block, EMPTY, LEAF, Node, SPHERE_CANDIDATE, SPHERES, TreeView, WIDTH, block_number};
+use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, TreeView, WIDTH, block_number, candidate};
 
 /// Rays in flight.
 pub const FLIGHT: usize = 24;
@@ -233,7 +233,7 @@ impl LoneRay<'_> {
                 }
                 if in_range && high < progress.low {
                     (progress.low, progress.high) = (low, high);
-                    progress.candidate = number << 3 | k | if are_spheres { SPHERE_CANDIDATE } else { 0 };
+                    progress.candidate = candidate(number, k, are_spheres);
                     progress.limit = progress.limit.min(high);
                 } else {
                     unsure |= 1 << k;

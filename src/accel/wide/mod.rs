@@ -26,10 +26,10 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::PlocBuilder;
 use rayon::prelude::*;
 
+use super::solid;
 use crate::geometry::Ray;
 use crate::geometry::record::{Answer, RayRecord};
 use crate::scene::Surfaces;
-use crate::scene::mesh::has_area;
 use crate::settings::BuildPreset;
 use level::{Level, Traversal};
 use questions::Walked;
@@ -57,10 +57,7 @@ thread_local! {
 impl Wide {
     /// Builds over all primitives but triangles without area. On the current rayon pool.
     pub fn build(surfaces: &Surfaces, preset: BuildPreset) -> Wide {
-        let ids: Vec<u32> = (0..surfaces.len() as u32)
-            .into_par_iter()
-            .filter(|&id| surfaces.sphere_at(id).is_some() || has_area(&surfaces.triangle(id)))
-            .collect();
+        let ids = solid(surfaces);
         if ids.is_empty() {
             return Wide::default();
         }

@@ -9,7 +9,7 @@ use super::filter::{Judged, Rays};
 use super::flight::{LoneRay, Met, Tickets};
 use super::lanes::Vector;
 use super::questions::{Batch, Questions};
-use super::tree::{Block, EMPTY, LEAF, Node, SPHERE_CANDIDATE, SPHERES, WIDTH, block_number};
+use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, WIDTH, block_number, candidate};
 use super::walk::{Instructions, Scratch};
 
 /// Fewer rays of a class are no packet.
@@ -344,9 +344,8 @@ impl Packet {
                     sure &= load(bundle.low.as_ptr().add(at)).gt(judged.high);
                     judged.low.store_where(sure, bundle.low.as_mut_ptr().add(at));
                     judged.high.store_where(sure, bundle.high.as_mut_ptr().add(at));
-                    let kind = if are_spheres { SPHERE_CANDIDATE } else { 0 };
-                    let candidate = splat(f32::from_bits(number << 3 | k as u32 | kind));
-                    candidate.store_where(sure, bundle.candidate.as_mut_ptr().add(at).cast());
+                    let named = splat(f32::from_bits(candidate(number, k as u32, are_spheres)));
+                    named.store_where(sure, bundle.candidate.as_mut_ptr().add(at).cast());
                     beside.limit.min(judged.high).store_where(sure, bundle.limit.as_mut_ptr().add(at));
                 }
                 let mut unsure = open & !sure;

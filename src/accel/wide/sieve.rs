@@ -1,9 +1,9 @@
 //! The f32 filters for other structures: of a few primitives those that f64 has to look at.
 
-use super::filter::{FilterRay, deltas, holds};
+use super::filter::{FilterRay, holds};
 use super::lanes::{Eight, Plain};
 use super::level::Level;
-use super::tree::WIDTH;
+use super::tree::{WIDTH, put};
 use crate::geometry::{Prepared, norm_max, round_down, round_up};
 use crate::scene::Surfaces;
 
@@ -24,17 +24,7 @@ impl Sieve {
     /// `extent` is the largest magnitude of a coordinate of the scene's box.
     pub fn new(level: Level, ray: &Prepared, extent: f64) -> Sieve {
         let length = norm_max(ray.origin) + extent;
-        let (delta, t_delta) = deltas(length, 0.0, 0.0);
-        let axes = [ray.kx, ray.ky, ray.kz];
-        let inverse_z = 1.0 / ray.direction[ray.kz] as f32;
-        let filter = FilterRay {
-            axes: axes.map(|axis| axis as u8),
-            origin: axes.map(|axis| ray.origin[axis] as f32),
-            shear: [ray.kx, ray.ky].map(|axis| ray.direction[axis] as f32 * inverse_z),
-            inverse_z,
-            delta,
-            t_delta,
-        };
+        let filter = FilterRay::new(ray, length);
         Sieve { level, filter, t_min: round_down(ray.t_min), holds: holds(length) }
     }
 
@@ -46,15 +36,7 @@ impl Sieve {
         let are_spheres = surfaces.sphere_at(first).is_some();
         let mut corners = Corners([[[0.0; WIDTH]; 3]; 3]);
         for (lane, &id) in ids.iter().enumerate() {
-            let values = match surfaces.sphere_at(id) {
-                None => surfaces.triangle(id),
-                Some(sphere) => [sphere.center, [sphere.radius; 3], [0.0; 3]],
-            };
-            for vertex in 0..3 {
-                for axis in 0..3 {
-                    corners.0[vertex][axis][lane] = values[vertex][axis];
-                }
-            }
+            put(&mut corners.0, lane, surfaces, id);
         }
         let limit = round_up(limit);
         // SAFETY: only levels that the processor has are made sieves for.

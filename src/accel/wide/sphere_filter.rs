@@ -65,7 +65,7 @@ impl<V: Vector> Rays<V> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::filter::{FilterRay, deltas};
+    use super::super::filter::FilterRay;
     use super::super::lanes::Plain;
     use super::super::tree::WIDTH;
     use crate::geometry::{NONE, Prepared, Ray, norm_max, sphere};
@@ -96,14 +96,7 @@ mod tests {
             let direction = if across[0] > 0.9 { -direction } else { direction };
             let ray = Prepared::new(&Ray { origin, direction, t_min: 0.0, t_max, first_id: 0, start: NONE });
             let reach = norm_max(ray.origin) + norm_max(middle.to_array()) + r;
-            let (delta, t_delta) = deltas(reach, 0.0, 0.0);
-            let (axes, inverse_z) = ([ray.kx, ray.ky, ray.kz], 1.0 / ray.direction[ray.kz] as f32);
-            let filter = FilterRay {
-                axes: axes.map(|axis| axis as u8),
-                origin: axes.map(|axis| ray.origin[axis] as f32),
-                shear: [axes[0], axes[1]].map(|axis| ray.direction[axis] as f32 * inverse_z),
-                inverse_z, delta, t_delta,
-            };
+            let filter = FilterRay::new(&ray, reach);
             let mut block = Aligned([[[0.0; WIDTH]; 3]; 3], [[0.0; WIDTH]; 2]);
             for axis in 0..3 {
                 block.0[0][axis][0] = center[axis];

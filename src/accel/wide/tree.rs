@@ -3,6 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::memory::{Array, HugeArray};
+use crate::scene::Surfaces;
 
 /// Children of a node, and primitives of a block.
 pub const WIDTH: usize = 8;
@@ -17,6 +18,25 @@ pub const MOST_BLOCKS: usize = 1 << 27;
 
 /// The candidate of a walk: a block's number times 8 plus the primitive's lane, with this added if it is a sphere.
 pub const SPHERE_CANDIDATE: u32 = 1 << 30;
+
+/// The candidate that a primitive of a block is.
+#[inline(always)]
+pub fn candidate(block: u32, lane: u32, is_sphere: bool) -> u32 {
+    block << 3 | lane | if is_sphere { SPHERE_CANDIDATE } else { 0 }
+}
+
+/// Puts a primitive into a lane, as [`Block::corners`] says.
+pub fn put(corners: &mut [[[f32; WIDTH]; 3]; 3], lane: usize, surfaces: &Surfaces, id: u32) {
+    let values = match surfaces.sphere_at(id) {
+        None => surfaces.triangle(id),
+        Some(sphere) => [sphere.center, [sphere.radius; 3], [0.0; 3]],
+    };
+    for vertex in 0..3 {
+        for axis in 0..3 {
+            corners[vertex][axis][lane] = values[vertex][axis];
+        }
+    }
+}
 
 /// The number of the block that a leaf child names.
 #[inline(always)]
