@@ -2,6 +2,7 @@
 
 mod brute;
 pub mod grid;
+pub mod lattice;
 mod tester;
 pub mod wide;
 

@@ -5,6 +5,7 @@ use crate::geometry::start::Start;
 use crate::geometry::triangle::{self, TriangleHit};
 use crate::geometry::{NONE, Prepared, Ray, sphere};
 use crate::scene::Surfaces;
+use crate::scene::mesh::{Shape, Sphere};
 
 /// A decided hit.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +27,8 @@ pub struct Tester<'a> {
     pub start: u32,
     /// The triangle that the ray starts on, if it does.
     start_triangle: Option<Start>,
+    /// The sphere that the ray starts on, if it does.
+    start_sphere: Option<Sphere>,
     /// In units of the scaled direction; only (t, id) below (`t_best`, `primitive`) counts.
     pub t_best: f64,
     primitive: u32,
@@ -36,13 +39,20 @@ impl<'a> Tester<'a> {
     #[inline]
     pub fn new(surfaces: &'a Surfaces, ray: &Ray) -> Self {
         let prepared = Prepared::new(ray);
-        let start_triangle = ((ray.start as usize) < surfaces.triangles.len())
-            .then(|| Start::new(corners(surfaces, ray.start), prepared.origin));
+        let (mut start_triangle, mut start_sphere) = (None, None);
+        match surfaces.start(ray.start) {
+            Some(Shape::Triangle(corners)) => {
+                start_triangle = Some(Start::new(corners.map(widened), prepared.origin));
+            }
+            Some(Shape::Sphere(sphere)) => start_sphere = Some(sphere),
+            None => {}
+        }
         Tester {
             surfaces,
             ray: prepared,
             start: ray.start,
             start_triangle,
+            start_sphere,
             t_best: prepared.t_max,
             primitive: NONE,
             weights: [0.0; 3],
@@ -139,8 +149,7 @@ impl<'a> Tester<'a> {
 
     /// Whether the ray starts on this sphere or on one that coincides with it.
     fn starts_on(&self, primitive: u32, index: usize) -> bool {
-        primitive == self.start
-            || self.surfaces.sphere_at(self.start).is_some_and(|own| *own == self.surfaces.spheres[index])
+        primitive == self.start || self.start_sphere.is_some_and(|own| own == self.surfaces.spheres[index])
     }
 
     fn offer(&mut self, t: f64, primitive: u32) {

@@ -46,10 +46,7 @@ impl Work {
                 share.array(&mut wide.tree.blocks)
             }
             Accel::Grid(grid) => {
-                share.value(&mut grid.low)?;
-                share.value(&mut grid.size)?;
-                share.value(&mut grid.counts)?;
-                share.value(&mut grid.extent)?;
+                share.value(&mut grid.lattice)?;
                 share.array(&mut grid.starts)?;
                 share.array(&mut grid.primitives)?;
                 share.array(&mut grid.occupied)

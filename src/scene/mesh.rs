@@ -48,6 +48,16 @@ pub struct Sphere {
     pub radius: f32,
 }
 
+/// A primitive by its numbers alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Shape {
+    Triangle([[f32; 3]; 3]),
+    Sphere(Sphere),
+}
+
+/// Ids from here on are those of guests, see [`Surfaces::guests`].
+pub const FIRST_GUEST: u32 = 1 << 31;
+
 /// All primitives of a scene in stored space.
 #[derive(Clone, Debug, Default)]
 pub struct Surfaces {
@@ -61,6 +71,8 @@ pub struct Surfaces {
     pub uvs: Vec<[f32; 2]>,
     /// Linear RGB vertex colours, which multiply kd.
     pub colors: Vec<[f32; 3]>,
+    /// Primitives that rays may start on though they lie in another part of the scene. They are never met; the first has the id [`FIRST_GUEST`].
+    pub guests: Vec<Option<Shape>>,
 }
 
 impl Surfaces {
@@ -94,6 +106,25 @@ impl Surfaces {
     #[inline]
     pub fn triangle(&self, primitive: u32) -> [[f32; 3]; 3] {
         self.triangles[primitive as usize].map(|index| self.positions[index as usize])
+    }
+
+    /// What a ray starts on, if it starts on anything.
+    #[inline]
+    pub fn start(&self, primitive: u32) -> Option<Shape> {
+        if (primitive as usize) < self.triangles.len() {
+            return Some(Shape::Triangle(self.triangle(primitive)));
+        }
+        match self.sphere_at(primitive) {
+            Some(sphere) => Some(Shape::Sphere(*sphere)),
+            None if primitive == NONE => None,
+            None => self.guest(primitive),
+        }
+    }
+
+    #[cold]
+    fn guest(&self, primitive: u32) -> Option<Shape> {
+        let index = primitive.checked_sub(FIRST_GUEST)?;
+        self.guests.get(index as usize).copied().flatten()
     }
 
     /// The point of a hit, in stored space: where the rays that go on from it start.

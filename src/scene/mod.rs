@@ -12,6 +12,7 @@ pub mod load;
 pub mod material;
 pub mod mesh;
 pub mod normals;
+pub mod subset;
 pub mod texture;
 
 use serde::{Deserialize, Serialize};
