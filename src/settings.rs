@@ -106,6 +106,15 @@ pub struct RunSettings {
     pub split: Split,
     /// Edge of a tile in pixels, 1 ..= 4096.
     pub tile_size: u32,
+    /// How a split that deals all pixels at once does so.
+    pub deal: Deal,
+    /// Bytes that each rank gives to rays under way where they travel.
+    pub ray_memory: u64,
+}
+
+impl RunSettings {
+    /// Enough for a million rays.
+    pub const RAY_MEMORY: u64 = 256 << 20;
 }
 
 impl Default for RunSettings {
@@ -115,6 +124,8 @@ impl Default for RunSettings {
             build: BuildSettings::default(),
             split: Split::Tiles,
             tile_size: 32,
+            deal: Deal::default(),
+            ray_memory: RunSettings::RAY_MEMORY,
         }
     }
 }
@@ -176,4 +187,28 @@ pub enum BuildPreset {
 pub enum Split {
     /// Rank 0 deals screen tiles on demand, the costliest first.
     Tiles,
+    /// The stream of camera rays in Morton order is dealt to all ranks at once, and nobody speaks until all is done.
+    Stream,
+    /// Each rank has an equal number of primitives, and every ray asks every rank.
+    Triangles,
+    /// Each rank has what lies in its voxels, and rays travel to the ranks whose voxels they come through.
+    Voxels,
+}
+
+impl Split {
+    /// Whether each rank has a part of the scene only.
+    pub fn is_partitioned(self) -> bool {
+        matches!(self, Split::Triangles | Split::Voxels)
+    }
+}
+
+/// How pixels, tile by tile along a Morton curve, are dealt to ranks at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Deal {
+    /// By turns.
+    #[default]
+    Interleaved,
+    /// To each rank an unbroken run.
+    Blocks,
 }

@@ -1,4 +1,4 @@
-//! Real MPI: this program starts itself under `mpirun` with 1 to 4 ranks. Each launch renders every scene in several ways, since
+//! Real MPI: this program starts itself under `mpirun` with 1 to 8 ranks. Each launch renders every scene in several ways, since
 //! a launch costs more than a small image; what rank 0 says is compared with one process alone.
 
 #![cfg_attr(not(feature = "mpi"), allow(dead_code, unused_imports))]
@@ -10,20 +10,44 @@ use std::process::{Command, ExitCode};
 
 use common::{fingerprint, name, render, scenes, small_work};
 use heliostat::accel::Accel;
-use heliostat::cluster::share::Share;
 use heliostat::cluster::{self, Comm};
 use heliostat::error::Result;
 use heliostat::job::{self, Crew, Work};
 use heliostat::output::progress::ProgressKind;
 use heliostat::output::stats::RankStats;
 use heliostat::output::timeline::Timeline;
-use heliostat::settings::{AccelKind, BuildSettings};
+use heliostat::settings::{AccelKind, BuildSettings, Deal, RunSettings, Split};
 
 /// Set for the processes that are ranks.
 const RANK_PROCESS: &str = "HELIOSTAT_TEST_RANK";
 
-/// Threads of each rank, tile size, bytes per step of a broadcast.
-const WAYS: [(usize, u32, usize); 4] = [(1, 16, 1 << 28), (2, 8, 1_000), (3, 33, 65_536), (1, 64, 4_097)];
+/// How a scene is rendered.
+struct Way {
+    threads: usize,
+    tile_size: u32,
+    /// Bytes per step of a broadcast.
+    chunk_bytes: usize,
+    split: Split,
+    deal: Deal,
+    accel: AccelKind,
+    ray_memory: u64,
+}
+
+const fn way(threads: usize, tile_size: u32, chunk_bytes: usize, split: Split, accel: AccelKind) -> Way {
+    Way { threads, tile_size, chunk_bytes, split, deal: Deal::Interleaved, accel, ray_memory: 1 << 26 }
+}
+
+const WAYS: [Way; 9] = [
+    way(1, 16, 1 << 28, Split::Tiles, AccelKind::Bvh),
+    way(2, 8, 1_000, Split::Tiles, AccelKind::Bvh),
+    way(1, 64, 4_097, Split::Tiles, AccelKind::Grid),
+    way(3, 33, 65_536, Split::Stream, AccelKind::Bvh),
+    Way { deal: Deal::Blocks, ..way(1, 16, 1 << 20, Split::Stream, AccelKind::Grid) },
+    way(1, 32, 70_000, Split::Voxels, AccelKind::Bvh),
+    Way { ray_memory: 300_000, deal: Deal::Blocks, ..way(2, 32, 1 << 28, Split::Voxels, AccelKind::Grid) },
+    way(1, 32, 1 << 28, Split::Triangles, AccelKind::Bvh),
+    Way { ray_memory: 300_000, ..way(2, 32, 90_000, Split::Triangles, AccelKind::Grid) },
+];
 
 fn main() -> ExitCode {
     if std::env::var_os(RANK_PROCESS).is_some() {
@@ -40,26 +64,33 @@ fn main() -> ExitCode {
 fn render_all(comm: &dyn Comm) -> Result<()> {
     for scene in scenes() {
         let mut origin = if comm.rank() == 0 { small_work(&scene, AccelKind::Bvh) } else { Work::default() };
-        for (way, (threads, tile_size, chunk_bytes)) in WAYS.into_iter().enumerate() {
+        for (number, way) in WAYS.iter().enumerate() {
             // A large scene in small steps would only be slow.
             let small = share_small(comm, &origin)?;
-            comm.set_chunk_bytes(if small { chunk_bytes } else { chunk_bytes.max(65_536) });
-            origin.run.tile_size = tile_size;
-            // The last way goes through the grid, too.
-            if way == WAYS.len() - 1 && comm.rank() == 0 {
-                origin.run.accel = AccelKind::Grid;
-                origin.accel =
-                    Accel::build(AccelKind::Grid, BuildSettings::default(), &origin.scene.surfaces);
+            comm.set_chunk_bytes(if small { way.chunk_bytes } else { way.chunk_bytes.max(65_536) });
+            let mut work = Work::default();
+            if comm.rank() == 0 {
+                if origin.accel.kind() != way.accel {
+                    origin.accel = Accel::build(way.accel, BuildSettings::default(), &origin.scene.surfaces);
+                }
+                work = origin.clone();
+                work.run = RunSettings {
+                    accel: way.accel,
+                    split: way.split,
+                    tile_size: way.tile_size,
+                    deal: way.deal,
+                    ray_memory: way.ray_memory,
+                    ..RunSettings::default()
+                };
             }
-            let mut work = if comm.rank() == 0 { origin.clone() } else { Work::default() };
-            work.share(Share::new(comm))?;
-            let pool = job::thread_pool(threads)?;
+            let pool = job::thread_pool(way.threads)?;
             let progress = ProgressKind::None.start();
             let crew =
                 Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
-            let image = job::render(&crew, &work, &mut RankStats::default())?;
+            job::distribute(&crew, &mut work)?;
+            let image = job::render(&crew, &mut work, &mut RankStats::default())?;
             if let Some(image) = image {
-                println!("{} {way} {}", name(&scene), fingerprint(&image));
+                println!("{} {number} {}", name(&scene), fingerprint(&image));
             }
         }
     }
@@ -80,7 +111,7 @@ fn compare_launches() {
             alone.insert(format!("{} {way}", name(&scene)), fingerprint(&image));
         }
     }
-    for ranks in 1..=4 {
+    for ranks in [1, 2, 3, 4, 8] {
         let said = launch(ranks);
         let found: BTreeMap<String, String> = said
             .lines()

@@ -4,11 +4,14 @@ mod common;
 
 use std::path::PathBuf;
 
-use common::{fingerprint, name, render, repository, scenes, small_work};
+use common::{fingerprint, name, render, render_as, repository, scenes, small_work};
 use heliostat::accel::Accel;
+use heliostat::cluster::Comm;
+use heliostat::cluster::comm::memory;
 use heliostat::image::Image;
+use heliostat::job::Work;
 use heliostat::output::write::{Format, WriteOptions, encode};
-use heliostat::settings::{AccelKind, BuildSettings, Crop};
+use heliostat::settings::{AccelKind, BuildSettings, Crop, RunSettings, Split};
 
 #[test]
 fn threads_and_tiles_change_nothing() {
@@ -49,6 +52,40 @@ fn the_grid_sees_the_same() {
         work.run.accel = AccelKind::Grid;
         work.accel = Accel::build(AccelKind::Grid, BuildSettings::default(), &work.scene.surfaces);
         assert_eq!(fingerprint(&render(&work, 2)), expected, "{}", name(&scene));
+    }
+}
+
+/// Ranks as threads, with messages that come late and overtake each other.
+#[test]
+fn ranks_that_have_parts_only_see_the_same() {
+    for scene in scenes() {
+        let mut work = small_work(&scene, AccelKind::Bvh);
+        let expected = fingerprint(&render(&work, 2));
+        let ways = [
+            (Split::Stream, 3, 1 << 26),
+            (Split::Voxels, 1, 1 << 26),
+            (Split::Voxels, 2, 1 << 26),
+            (Split::Voxels, 5, 1 << 18),
+            (Split::Triangles, 3, 1 << 18),
+        ];
+        for (seed, (split, ranks, ray_memory)) in (0..).zip(ways) {
+            work.run = RunSettings { split, ray_memory, ..RunSettings::default() };
+            let group = memory::delayed_group(ranks, seed);
+            let found = std::thread::scope(|scope| {
+                let work = &work;
+                let ranks: Vec<_> = group
+                    .into_iter()
+                    .map(|comm| {
+                        let work = if comm.rank() == 0 { work.clone() } else { Work::default() };
+                        scope.spawn(move || render_as(&comm, work, 1))
+                    })
+                    .collect();
+                let images: Vec<_> = ranks.into_iter().map(|rank| rank.join().unwrap()).collect();
+                assert!(images[1..].iter().all(Option::is_none), "only rank 0 gets the image");
+                images.into_iter().next().flatten().expect("rank 0's image")
+            });
+            assert_eq!(fingerprint(&found), expected, "{}: {split:?}, {ranks} ranks", name(&scene));
+        }
     }
 }
 

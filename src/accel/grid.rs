@@ -62,7 +62,7 @@ impl Grid {
             .map(|&id| {
                 let mut entries = 0;
                 self.lattice.each_cell(surfaces, id, |cell| {
-                    counts[cell].fetch_add(1, Ordering::Relaxed);
+                    counts[self.lattice.number(cell)].fetch_add(1, Ordering::Relaxed);
                     entries += 1;
                 });
                 entries
@@ -81,7 +81,7 @@ impl Grid {
         let slots: Vec<AtomicU32> = (0..total).into_par_iter().map(|_| AtomicU32::new(0)).collect();
         ids.par_iter().for_each(|&id| {
             self.lattice.each_cell(surfaces, id, |cell| {
-                let slot = counts[cell].fetch_add(1, Ordering::Relaxed) as usize;
+                let slot = counts[self.lattice.number(cell)].fetch_add(1, Ordering::Relaxed) as usize;
                 slots[slot].store(id, Ordering::Relaxed);
             });
         });
@@ -108,8 +108,7 @@ impl Grid {
 
     /// Marks the occupied cells.
     fn mark(&mut self) {
-        let blocks: usize = self.lattice.block_counts().iter().map(|&count| count as usize).product();
-        self.occupied = HugeArray::zeroed(blocks).expect("memory for the grid's blocks");
+        self.occupied = HugeArray::zeroed(self.lattice.blocks()).expect("memory for the grid's blocks");
         for z in 0..self.lattice.counts[2] {
             for y in 0..self.lattice.counts[1] {
                 for x in 0..self.lattice.counts[0] {

@@ -66,7 +66,18 @@ impl Lattice {
         Lattice { low, size, counts, extent: extent + pad }
     }
 
-    pub fn block_counts(&self) -> [u32; 3] {
+    /// Number of blocks.
+    pub fn blocks(&self) -> usize {
+        self.block_counts().iter().map(|&count| count as usize).product()
+    }
+
+    /// Where a block lies, in blocks.
+    pub fn block_place(&self, block: usize) -> [u32; 3] {
+        let [nx, ny, _] = self.block_counts().map(|count| count as usize);
+        [block % nx, block / nx % ny, block / nx / ny].map(|c| c as u32)
+    }
+
+    fn block_counts(&self) -> [u32; 3] {
         self.counts.map(|count| count.div_ceil(BLOCK))
     }
 
@@ -88,7 +99,7 @@ impl Lattice {
     }
 
     /// Calls `visit` with each cell whose grown box a primitive reaches, or may reach.
-    pub fn each_cell(&self, surfaces: &Surfaces, id: u32, mut visit: impl FnMut(usize)) {
+    pub fn each_cell(&self, surfaces: &Surfaces, id: u32, mut visit: impl FnMut([u32; 3])) {
         let pad = 2.0 * PAD * self.extent;
         let sphere = surfaces.sphere_at(id).map(|s| (s.center.map(f64::from), f64::from(s.radius)));
         let corners = match sphere {
@@ -114,10 +125,28 @@ impl Lattice {
                             sphere_reaches_box(sub(center, middle), radius, half)
                         });
                     if reaches {
-                        visit(self.number(cell));
+                        visit(cell);
                     }
                 }
             }
+        }
+    }
+
+    /// Calls `visit` with each block that such a cell lies in, and the bits of those cells; with a block maybe more than once.
+    pub fn each_block(&self, surfaces: &Surfaces, id: u32, mut visit: impl FnMut(usize, u64)) {
+        let (mut last, mut bits) = (usize::MAX, 0);
+        self.each_cell(surfaces, id, |cell| {
+            let (block, bit) = self.block(cell);
+            if block != last {
+                if bits != 0 {
+                    visit(last, bits);
+                }
+                (last, bits) = (block, 0);
+            }
+            bits |= 1 << bit;
+        });
+        if bits != 0 {
+            visit(last, bits);
         }
     }
 

@@ -3,6 +3,8 @@
 mod brute;
 pub mod grid;
 pub mod lattice;
+pub mod partition;
+pub mod route;
 mod tester;
 pub mod wide;
 

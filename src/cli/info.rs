@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::{print, warn};
 use crate::error::Result;
+use crate::scene::load;
 use crate::scene::mesh::has_area;
-use crate::scene::{Surfaces, load};
 use crate::settings::{AccelKind, BuildPreset};
 
 #[derive(Debug, clap::Args)]
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> Result<()> {
         bounds: surfaces.bounds().map(|(low, high)| [low, high].map(|p| header.frame.to_world(p).to_array())),
         shift: header.frame.shift.to_array(),
         scale: header.frame.scale,
-        surface_bytes: surface_bytes(surfaces),
+        surface_bytes: surfaces.memory(),
         texture_bytes: loaded.scene.textures.iter().map(|texture| texture.texels.len() * 3).sum(),
         bvh_bytes: super::build_accel(AccelKind::Bvh, BuildPreset::Balanced, surfaces, &args.scene)?.memory(),
     };
@@ -68,15 +68,6 @@ pub fn run(args: &Args) -> Result<()> {
         return print(&(json + "\n"));
     }
     print(&table(&info))
-}
-
-fn surface_bytes(surfaces: &Surfaces) -> usize {
-    size_of_val(surfaces.positions.as_slice())
-        + size_of_val(surfaces.triangles.as_slice())
-        + size_of_val(surfaces.spheres.as_slice())
-        + size_of_val(surfaces.normals.as_slice())
-        + size_of_val(surfaces.uvs.as_slice())
-        + size_of_val(surfaces.colors.as_slice())
 }
 
 fn table(info: &Info) -> String {

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use super::{note, warn};
-use crate::cluster::share::{self, Share};
+use crate::accel::Accel;
+use crate::cluster::share;
 use crate::cluster::{self, Comm, threads};
 use crate::error::{Error, Result};
 use crate::image::Image;
@@ -17,8 +18,8 @@ use crate::output::write::{self, Target, WriteOptions};
 use crate::output::{file, metadata};
 use crate::scene::load::{self, ImageDefaults};
 use crate::settings::{
-    AccelKind, BuildPreset, BuildSettings, Crop, Encoding, Filter, ImageSettings, Integrator, RunSettings,
-    Split,
+    AccelKind, BuildPreset, BuildSettings, Crop, Deal, Encoding, Filter, ImageSettings, Integrator,
+    RunSettings, Split,
 };
 
 #[derive(Debug, clap::Args)]
@@ -77,6 +78,12 @@ pub struct Args {
     /// How ranks divide the work; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_SPLIT", default_value = "tiles", help_heading = "Run")]
     split: Split,
+    /// How splits other than tiles deal the pixels to ranks
+    #[arg(long, env = "HELIOSTAT_DEAL", default_value = "interleaved", help_heading = "Run")]
+    deal: Deal,
+    /// Memory of each rank for rays that travel, with --split triangles or voxels; more rays wait in temporary files
+    #[arg(long, value_name = "BYTES", env = "HELIOSTAT_RAY_MEMORY", default_value = "256M", value_parser = bytes, help_heading = "Run")]
+    ray_memory: u64,
     /// Threads of each rank [env: HELIOSTAT_THREADS, each rank's own] [default: the processors, divided among the ranks that share them]
     #[arg(long, value_name = "N", help_heading = "Run")]
     threads: Option<NonZeroUsize>,
@@ -132,14 +139,10 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     })?;
     let (mut work, errand) = made.map_or((Work::default(), None), |(work, errand)| (work, Some(errand)));
     let begin = Instant::now();
-    {
-        let _span = timeline.span(0, "broadcast");
-        work.share(Share::new(comm))?;
-    }
-    stats.seconds.broadcast = begin.elapsed().as_secs_f64();
-
     let crew = Crew { comm, pool: &pool, wide, timeline: &timeline, progress: &*progress };
-    let image = job::render(&crew, &work, &mut stats)?;
+    job::distribute(&crew, &mut work)?;
+    stats.seconds.broadcast = begin.elapsed().as_secs_f64();
+    let image = job::render(&crew, &mut work, &mut stats)?;
 
     // Rank 0 writes; a full disk is everybody's error.
     let begin = Instant::now();
@@ -182,6 +185,8 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
         build: BuildSettings { preset: args.build, grid_density: args.grid_density },
         split: args.split,
         tile_size: args.tile_size,
+        deal: args.deal,
+        ray_memory: args.ray_memory,
     };
     if !errand.quiet {
         warn(&loaded.warnings);
@@ -191,9 +196,13 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     }
     let begin = Instant::now();
     let _span = timeline.span(0, "build");
-    let accel = super::build_accel(run.accel, run.build, &loaded.scene.surfaces, &args.scene)?;
+    // A part of the scene gets its structure where it is.
+    let accel = match run.split.is_partitioned() {
+        true => Accel::Brute,
+        false => super::build_accel(run.accel, run.build, &loaded.scene.surfaces, &args.scene)?,
+    };
     stats.seconds.build = begin.elapsed().as_secs_f64();
-    Ok((Work { scene: loaded.scene, accel, image, run }, errand))
+    Ok((Work { scene: loaded.scene, accel, image, run, division: None }, errand))
 }
 
 /// Whatever can be known to fail at the end is found out at the beginning.
@@ -300,6 +309,17 @@ fn weight(text: &str) -> std::result::Result<f64, String> {
         Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
         _ => Err("give a finite number of 0 or more".into()),
     }
+}
+
+/// A number of bytes, with K, M, G or T for powers of 1024.
+fn bytes(text: &str) -> std::result::Result<u64, String> {
+    let text = text.trim();
+    let units = ["", "K", "M", "G", "T"];
+    let parsed = units.iter().enumerate().rev().find_map(|(power, unit)| {
+        let number = text.to_ascii_uppercase().strip_suffix(unit)?.trim().parse::<u64>().ok()?;
+        number.checked_mul(1 << (10 * power))
+    });
+    parsed.filter(|&bytes| bytes > 0).ok_or_else(|| "give a number of bytes, such as 256M or 2G".into())
 }
 
 fn density(text: &str) -> std::result::Result<f64, String> {

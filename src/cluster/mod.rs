@@ -6,7 +6,9 @@
 pub mod comm;
 pub mod deal;
 mod end;
+pub mod exchange;
 mod launcher;
+pub mod parcel;
 pub mod share;
 pub mod threads;
 pub mod wire;

@@ -46,8 +46,8 @@ pub struct RayRecord {
     pub first_id: u32,
     /// Bounces behind it: 0 for a camera ray.
     pub bounce: u32,
-    query: u8,
-    made_by: u8,
+    pub(crate) query: u8,
+    pub(crate) made_by: u8,
     /// The film plane that it deposits in.
     pub plane: u8,
     /// Records of one stream go much the same way, and are traced together. Nothing else depends on it.

@@ -1,5 +1,7 @@
 //! The story of a render: share the scene, deal the tiles, gather the film. Every rank runs the same lines.
 
+mod pack;
+mod partition;
 mod share;
 
 use std::time::Instant;
@@ -8,6 +10,7 @@ use rayon::ThreadPool;
 
 use crate::accel::Accel;
 use crate::cluster::deal::{self, DealStats, Plan};
+use crate::cluster::share::Share;
 use crate::cluster::{Comm, Solo, wire};
 use crate::error::{Error, Result};
 use crate::image::Image;
@@ -15,11 +18,13 @@ use crate::output::progress::{Progress, ProgressKind};
 use crate::output::stats::{self, RankStats};
 use crate::output::timeline::{Event, Timeline};
 use crate::render::film::Film;
+use crate::render::filter::FilterTable;
 use crate::render::tile::Tiling;
 use crate::render::{RayTally, Renderer, cost};
 use crate::scene::Scene;
 use crate::settings::{ImageSettings, RunSettings, Split};
 
+pub use partition::Division;
 pub use share::Work;
 
 /// What a rank needs beside the work itself.
@@ -33,34 +38,38 @@ pub struct Crew<'a> {
     pub progress: &'a dyn Progress,
 }
 
-/// Collective: renders the work that all ranks hold; rank 0 gets the image. Adds what this rank did to `stats`.
-pub fn render(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<Image>> {
-    let renderer = Renderer::new(&work.scene, &work.accel, &work.image);
-    let tiling = Tiling::new(work.image.crop, work.run.tile_size);
-    let film = match work.run.split {
-        Split::Tiles => deal_tiles(crew, work, &renderer, &tiling, stats)?,
-    };
+/// Collective: gives every rank what the split wants it to have of rank 0's work: all, or its part of the scene and a structure over that.
+pub fn distribute(crew: &Crew, work: &mut Work) -> Result<()> {
+    let _span = crew.timeline.span(0, "distribute");
+    let split = share::agreed_split(crew.comm, work.run.split)?;
+    if split.is_partitioned() { partition::scatter(crew, work) } else { work.share(Share::new(crew.comm)) }
+}
+
+/// Collective: renders the work that was [`distribute`]d to all ranks; rank 0 gets the image. Adds what this rank did to `stats`.
+pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Option<Image>> {
     let floor = work.scene.header.ambient_floor;
+    let film = match work.run.split {
+        Split::Tiles | Split::Stream => deal_tiles(crew, work, stats)?,
+        Split::Triangles | Split::Voxels => partition::render(crew, work, stats)?,
+    };
+    let negative_mass = FilterTable::new(work.image.filter).negative_mass();
     Ok(film.map(|film| {
         let _span = crew.timeline.span(0, "resolve");
-        film.resolve(renderer.negative_mass(), floor)
+        film.resolve(negative_mass, floor)
     }))
 }
 
-/// Split `tiles`: rank 0 deals screen tiles on demand, the costliest first, and gathers their films.
-fn deal_tiles(
-    crew: &Crew,
-    work: &Work,
-    renderer: &Renderer,
-    tiling: &Tiling,
-    stats: &mut RankStats,
-) -> Result<Option<Film>> {
+/// Splits `tiles` and `stream`: the ranks render screen tiles, and rank 0 gathers their films. It deals them on demand, the costliest first, or all at once.
+fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<Film>> {
+    let renderer = &Renderer::new(&work.scene, &work.accel, &work.image);
+    let tiling = &Tiling::new(work.image.crop, work.run.tile_size);
     let leads = crew.comm.rank() == 0;
     let begin = Instant::now();
     let mut film = leads.then(|| Film::new(work.image.crop, renderer.planes()));
 
     // A coarse look at the image tells which tiles are hot.
-    let plan = leads.then(|| {
+    let on_demand = work.run.split == Split::Tiles;
+    let plan = (leads && on_demand).then(|| {
         let _span = crew.timeline.span(0, "prepass");
         let (costs, rays) = crew.wide.install(|| cost::estimate(renderer, work.image.crop, tiling));
         stats.rays.prepass = rays.iter().sum();
@@ -87,7 +96,12 @@ fn deal_tiles(
         crew.progress.advance((now.done - shown) as u64);
         shown = now.done;
     };
-    let dealt = deal::run(crew.comm, crew.pool, plan.as_ref(), &render, &mut deposit, &mut tick)?;
+    let dealt = if on_demand {
+        deal::run(crew.comm, crew.pool, plan.as_ref(), &render, &mut deposit, &mut tick)?
+    } else {
+        let own = partition::dealt_tiles(tiling, work.run.deal, crew.comm.rank(), crew.comm.size());
+        deal::run_fixed(crew.comm, crew.pool, &own, &render, &mut deposit, &mut tick)?
+    };
     if leads {
         crew.progress.end();
     }
@@ -148,10 +162,11 @@ pub fn wide_pool(comm: &dyn Comm, own: &ThreadPool) -> Result<Option<ThreadPool>
 pub fn render_alone(scene: Scene, image: ImageSettings, run: RunSettings) -> Result<Image> {
     let pool = thread_pool(std::thread::available_parallelism().map_or(1, |n| n.get()))?;
     let accel = pool.install(|| Accel::build(run.accel, run.build, &scene.surfaces));
-    let work = Work { scene, accel, image, run };
+    let mut work = Work { scene, accel, image, run, division: None };
     let progress = ProgressKind::None.start();
     let timeline = &Timeline::off();
     let crew = Crew { comm: &Solo::new(), pool: &pool, wide: &pool, timeline, progress: &*progress };
-    let rendered = render(&crew, &work, &mut RankStats::default())?;
+    distribute(&crew, &mut work)?;
+    let rendered = render(&crew, &mut work, &mut RankStats::default())?;
     Ok(rendered.expect("a single process is rank 0"))
 }

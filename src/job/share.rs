@@ -1,10 +1,12 @@
 //! What every rank holds in the replicated splits, and its way there from rank 0.
 
+use super::partition::Division;
 use crate::accel::Accel;
+use crate::cluster::Comm;
 use crate::cluster::share::Share;
 use crate::error::Result;
 use crate::scene::{Scene, Texture};
-use crate::settings::{ImageSettings, RunSettings};
+use crate::settings::{ImageSettings, RunSettings, Split};
 
 /// The whole work of a render: scene, accelerator and settings.
 #[derive(Clone, Debug)]
@@ -13,6 +15,8 @@ pub struct Work {
     pub accel: Accel,
     pub image: ImageSettings,
     pub run: RunSettings,
+    /// Where `scene` and `accel` are this rank's part only.
+    pub division: Option<Division>,
 }
 
 impl Default for Work {
@@ -23,6 +27,7 @@ impl Default for Work {
             accel: Accel::Brute,
             image: ImageSettings::default(),
             run: RunSettings::default(),
+            division: None,
         }
     }
 }
@@ -53,6 +58,11 @@ impl Work {
             }
         }
     }
+}
+
+/// Collective: rank 0's split on every rank, before anything else of the work is there.
+pub(super) fn agreed_split(comm: &dyn Comm, split: Split) -> Result<Split> {
+    crate::cluster::share::computed(comm, || Ok(split))
 }
 
 fn share_scene(scene: &mut Scene, share: Share) -> Result<()> {

@@ -7,6 +7,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::file;
+use crate::cluster::exchange::ExchangeStats;
 use crate::error::Result;
 
 /// Wall seconds of one rank's phases.
@@ -58,6 +59,19 @@ pub struct RankStats {
     pub rays: RayCounts,
     pub tiles: u64,
     pub bytes_sent: u64,
+    /// Where the rank had a part of the scene only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<PartStats>,
+}
+
+/// A rank's part of a divided scene, and the rays that travelled.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PartStats {
+    /// Primitives that the rank had; those at borders several ranks have.
+    pub primitives: u64,
+    pub scene_bytes: u64,
+    pub accel_bytes: u64,
+    pub exchange: ExchangeStats,
 }
 
 impl fmt::Display for RankStats {

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::film::TileFilm;
 use super::tile::{Tile, Tiling};
 use super::{RayCounts, Renderer};
+use crate::geometry::Ray;
 use crate::settings::Crop;
 
 /// Edge of a block in pixels; its centre is looked at.
@@ -42,6 +43,18 @@ pub fn estimate(renderer: &Renderer, crop: Crop, tiling: &Tiling) -> (Vec<f32>, 
         sum / n * tile.area() as f32
     };
     ((0..tiling.len()).map(|index| cost(tiling.tile(index))).collect(), counts)
+}
+
+/// The most camera rays of [`looks`] along an edge of the image.
+const LOOKS: u32 = 64;
+
+/// Camera rays spread over the image, one through every so manieth pixel.
+pub fn looks(renderer: &Renderer, crop: Crop) -> Vec<Ray> {
+    let (step_x, step_y) = (crop.width().div_ceil(LOOKS) as usize, crop.height().div_ceil(LOOKS) as usize);
+    let pixels = (crop.y0..crop.y1)
+        .step_by(step_y)
+        .flat_map(|y| (crop.x0..crop.x1).step_by(step_x).map(move |x| y * renderer.settings.width + x));
+    pixels.map(|pixel| renderer.camera_ray(pixel, 0).ray()).collect()
 }
 
 impl Renderer<'_> {

@@ -4,6 +4,8 @@
 //! 2^31. Deposits are added as u64, saturating at 2^32: addition of non-negative integers that saturates gives the same sum in any order. A pixel
 //! has one plane, or two where the filter has negative lobes: then the second holds the samples of negative weight.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use bytemuck::{Pod, Zeroable};
 
 use super::tile::Tile;
@@ -90,6 +92,56 @@ impl TileFilm {
     }
 }
 
+/// A film of the whole rendered part of the image that several threads deposit in.
+#[derive(Debug)]
+pub struct SharedFilm {
+    crop: Crop,
+    image_width: u32,
+    planes: usize,
+    /// As [`Cell`]: three sums, then the count.
+    cells: Vec<[AtomicU64; 4]>,
+}
+
+impl SharedFilm {
+    pub fn new(crop: Crop, image_width: u32, planes: usize) -> Self {
+        let cells = crop.width() as usize * crop.height() as usize * planes;
+        SharedFilm { crop, image_width, planes, cells: (0..cells).map(|_| Default::default()).collect() }
+    }
+
+    /// Counts a sample of the record's pixel.
+    pub fn count(&self, record: &RayRecord) {
+        self.cell(record)[3].fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Adds light to the record's pixel.
+    pub fn deposit(&self, record: &RayRecord, radiance: Color) {
+        for (sum, value) in self.cell(record).iter().zip(radiance) {
+            match to_fixed(value) {
+                0 => {}
+                value => {
+                    let add = |sum: u64| Some(sum.saturating_add(value));
+                    let _ = sum.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
+                }
+            }
+        }
+    }
+
+    fn cell(&self, record: &RayRecord) -> &[AtomicU64; 4] {
+        let x = (record.pixel % self.image_width - self.crop.x0) as usize;
+        let y = (record.pixel / self.image_width - self.crop.y0) as usize;
+        &self.cells[(y * self.crop.width() as usize + x) * self.planes + usize::from(record.plane)]
+    }
+
+    /// The film as it is now that all threads are done.
+    pub fn into_film(self) -> Film {
+        let cell = |[r, g, b, count]: [AtomicU64; 4]| Cell {
+            sum: [r.into_inner(), g.into_inner(), b.into_inner()],
+            count: count.into_inner(),
+        };
+        Film { crop: self.crop, planes: self.planes, cells: self.cells.into_iter().map(cell).collect() }
+    }
+}
+
 /// The film of the whole rendered part of the image.
 #[derive(Clone, Debug)]
 pub struct Film {
@@ -104,6 +156,29 @@ impl Film {
         Film { crop, planes, cells: vec![Cell::default(); pixels * planes] }
     }
 
+    /// All cells as bytes, to be added to another rank's film.
+    pub fn as_bytes(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.cells)
+    }
+
+    /// Adds the cells of another film of the same shape, as [`Film::as_bytes`] gave them.
+    ///
+    /// # Errors
+    /// A number of bytes that isn't this film's.
+    pub fn add(&mut self, bytes: &[u8]) -> Result<()> {
+        if bytes.len() != self.as_bytes().len() {
+            return Err(foreign(format!(
+                "a film of {} pixels came with {} bytes",
+                self.cells.len(),
+                bytes.len()
+            )));
+        }
+        for (cell, bytes) in self.cells.iter_mut().zip(bytes.chunks_exact(size_of::<Cell>())) {
+            cell.merge(&bytemuck::pod_read_unaligned(bytes));
+        }
+        Ok(())
+    }
+
     /// Adds a tile's cells, as [`TileFilm::as_bytes`] gave them.
     ///
     /// # Errors
@@ -111,10 +186,7 @@ impl Film {
     pub fn merge(&mut self, tile: Tile, bytes: &[u8]) -> Result<()> {
         let row_cells = tile.width() as usize * self.planes;
         if bytes.len() != tile.area() * self.planes * size_of::<Cell>() {
-            return Err(Error::launch(
-                format!("a tile of {} pixels came with {} bytes", tile.area(), bytes.len()),
-                "run the same build of heliostat on every node",
-            ));
+            return Err(foreign(format!("a tile of {} pixels came with {} bytes", tile.area(), bytes.len())));
         }
         for (row, bytes) in bytes.chunks_exact(row_cells * size_of::<Cell>()).enumerate() {
             let y = (tile.y0 - self.crop.y0) as usize + row;
@@ -148,6 +220,10 @@ impl Film {
         let pixels = self.cells.chunks_exact(self.planes).map(pixel).collect();
         Image { width: self.crop.width(), height: self.crop.height(), pixels }
     }
+}
+
+fn foreign(what: String) -> Error {
+    Error::launch(what, "run the same build of heliostat on every node")
 }
 
 #[cfg(test)]
@@ -201,6 +277,23 @@ mod tests {
         assert_eq!(image.pixels.iter().filter(|p| **p != [0.0; 3]).count(), 1);
         assert_eq!(film.resolve(0.0, 0.5).pixels[0], [0.5; 3]);
         assert!(film.merge(tile, &[0; 7]).is_err());
+    }
+
+    #[test]
+    fn films_of_ranks_add_up() {
+        let crop = Crop { x0: 10, y0: 20, x1: 14, y1: 23 };
+        let shared = || SharedFilm::new(crop, 100, 1);
+        let record = RayRecord::camera(DVec3::ZERO, DVec3::X, 22 * 100 + 13, 0, 0);
+        let (one, other) = (shared(), shared());
+        one.count(&record);
+        one.deposit(&record, [0.25, 0.5, f64::INFINITY]);
+        other.deposit(&record, [0.25, -1.0, f64::INFINITY]);
+        let mut film = one.into_film();
+        film.add(other.into_film().as_bytes()).unwrap();
+        let image = film.resolve(0.0, 0.0);
+        assert_eq!(image.pixels[2 * 4 + 3], [0.5, 0.5, 4_294_967_296.0]);
+        assert_eq!(image.pixels.iter().filter(|p| **p != [0.0; 3]).count(), 1);
+        assert!(film.add(&[0; 32]).is_err());
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! Pixel filters by importance sampling: samples are distributed as the filter's magnitude (Ernst, Stamminger and Greiner 2006), so
 //! that a sample belongs to one pixel only and tiles stay independent.
 
+use std::sync::Arc;
+
 use crate::settings::Filter;
 
 /// Intervals of the tabulated distribution over the filter's half width.
@@ -12,7 +14,7 @@ pub struct FilterTable {
     filter: Filter,
     radius: f64,
     /// `distribution[i]`: the share of ∫|f| that lies below i / STEPS of the radius, over x >= 0.
-    distribution: Vec<f64>,
+    distribution: Arc<[f64]>,
     /// ∫|f| over x >= 0 and its negative lobes, for a filter normalised to 1/2 there.
     negative: f64,
 }
@@ -35,7 +37,7 @@ impl FilterTable {
         }
         distribution.iter_mut().for_each(|value| *value /= magnitude);
         let negative = (magnitude - signed) / (2.0 * signed);
-        FilterTable { filter, radius, distribution, negative }
+        FilterTable { filter, radius, distribution: distribution.into(), negative }
     }
 
     /// 1, or 2 where the filter has negative lobes.

@@ -3,6 +3,8 @@
 pub mod cost;
 pub mod film;
 pub mod filter;
+pub mod relay;
+pub mod streams;
 pub mod tile;
 
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -15,6 +17,7 @@ use crate::transport::sampler::film_position;
 use crate::transport::{Sink, Transport};
 use film::TileFilm;
 use filter::FilterTable;
+use streams::Streams;
 use tile::Tile;
 
 /// Records traced at once: enough to be worth a batch, few enough for the second-level cache.
@@ -50,8 +53,18 @@ pub struct Renderer<'a> {
 
 impl<'a> Renderer<'a> {
     pub fn new(scene: &'a Scene, accel: &'a Accel, settings: &'a ImageSettings) -> Self {
+        Self::with_filter(scene, accel, settings, FilterTable::new(settings.filter))
+    }
+
+    /// With a table of the settings' filter that was made before.
+    fn with_filter(
+        scene: &'a Scene,
+        accel: &'a Accel,
+        settings: &'a ImageSettings,
+        filter: FilterTable,
+    ) -> Self {
         let transport = Transport::new(scene, settings);
-        Renderer { scene, accel, settings, transport, filter: FilterTable::new(settings.filter) }
+        Renderer { scene, accel, settings, transport, filter }
     }
 
     /// Planes of each pixel of the film.
@@ -74,22 +87,15 @@ impl<'a> Renderer<'a> {
         (film, counts)
     }
 
-    /// Traces camera rays and all that grows from them, stream by stream: rays of a stream go much the same way. The fullest is followed first and its newest
-    /// rays, so that few wait however deep they go.
+    /// Traces camera rays and all that grows from them, stream by stream.
     fn trace_to_end(&self, mut cameras: impl Iterator<Item = RayRecord>, film: &mut TileFilm) -> RayCounts {
         let mut counts = RayCounts::default();
-        let mut waiting: [Vec<RayRecord>; RayRecord::STREAMS] = Default::default();
+        let mut waiting = Streams::default();
         let mut wave = Vec::with_capacity(BATCH);
         let mut answers: Vec<Answer> = Vec::with_capacity(BATCH);
         loop {
             wave.clear();
-            while let Some(fullest) = waiting.iter_mut().max_by_key(|stream| stream.len())
-                && !fullest.is_empty()
-                && wave.len() < BATCH
-            {
-                let newest = fullest.len().saturating_sub(BATCH - wave.len());
-                wave.extend(fullest.drain(newest..));
-            }
+            waiting.take(&mut wave, BATCH);
             for record in cameras.by_ref().take(BATCH - wave.len()) {
                 film.count(&record);
                 wave.push(record);
@@ -122,13 +128,13 @@ impl<'a> Renderer<'a> {
 
 /// New rays to one side, light to the other.
 struct Split<'a> {
-    waiting: &'a mut [Vec<RayRecord>; RayRecord::STREAMS],
+    waiting: &'a mut Streams<RayRecord>,
     film: &'a mut TileFilm,
 }
 
 impl Sink for Split<'_> {
     fn push(&mut self, record: RayRecord) {
-        self.waiting[usize::from(record.stream)].push(record);
+        self.waiting.push(record.stream, record);
     }
 
     fn deposit(&mut self, record: &RayRecord, radiance: Color) {

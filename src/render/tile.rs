@@ -38,6 +38,11 @@ impl Tiling {
         Tiling { crop, size }
     }
 
+    /// Edge of a tile in pixels.
+    pub fn size(&self) -> u32 {
+        self.size
+    }
+
     fn columns(&self) -> u32 {
         self.crop.width().div_ceil(self.size)
     }

@@ -81,6 +81,16 @@ impl Surfaces {
         self.triangles.len() + self.spheres.len()
     }
 
+    /// Bytes of the arrays.
+    pub fn memory(&self) -> usize {
+        size_of_val(&self.positions[..])
+            + size_of_val(&self.triangles[..])
+            + size_of_val(&self.spheres[..])
+            + size_of_val(&self.normals[..])
+            + size_of_val(&self.uvs[..])
+            + size_of_val(&self.colors[..])
+    }
+
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -53,6 +53,12 @@ pub struct SceneHeader {
 }
 
 impl Scene {
+    /// Bytes of the large arrays.
+    pub fn memory(&self) -> usize {
+        let texels: usize = self.textures.iter().map(|texture| size_of_val(&texture.texels[..])).sum();
+        self.surfaces.memory() + texels
+    }
+
     /// The part that owns a primitive id.
     pub fn part(&self, primitive: u32) -> &Part {
         let parts = &self.header.parts;

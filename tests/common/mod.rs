@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use heliostat::accel::Accel;
-use heliostat::cluster::Solo;
+use heliostat::cluster::{Comm, Solo};
 use heliostat::image::Image;
 use heliostat::job::{self, Crew, Work};
 use heliostat::output::progress::ProgressKind;
@@ -30,16 +30,16 @@ pub fn shared_data() -> Option<PathBuf> {
 
 /// Renders in this process alone.
 pub fn render(work: &Work, threads: usize) -> Image {
+    render_as(&Solo::new(), work.clone(), threads).expect("rank 0")
+}
+
+/// Collective: renders rank 0's work.
+pub fn render_as(comm: &dyn Comm, mut work: Work, threads: usize) -> Option<Image> {
     let pool = job::thread_pool(threads).unwrap();
     let progress = ProgressKind::None.start();
-    let crew = Crew {
-        comm: &Solo::new(),
-        pool: &pool,
-        wide: &pool,
-        timeline: &Timeline::off(),
-        progress: &*progress,
-    };
-    job::render(&crew, work, &mut RankStats::default()).unwrap().expect("rank 0")
+    let crew = Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
+    job::distribute(&crew, &mut work).unwrap();
+    job::render(&crew, &mut work, &mut RankStats::default()).unwrap()
 }
 
 /// Every scene of the repository, in order of name.
@@ -76,7 +76,7 @@ pub fn small_work(scene: &Path, accel: AccelKind) -> Work {
     };
     let accel_built = Accel::build(accel, BuildPreset::Balanced, &loaded.scene.surfaces);
     let run = RunSettings { accel, ..RunSettings::default() };
-    Work { scene: loaded.scene, accel: accel_built, image, run }
+    Work { scene: loaded.scene, accel: accel_built, image, run, division: None }
 }
 
 /// A fingerprint of every bit of an image.

@@ -109,20 +109,28 @@ pub trait Comm {
 
     /// Collective: rank 0 gets every rank's bytes, of any lengths, in rank order; the others `None`.
     fn gather(&self, bytes: &[u8]) -> Option<Vec<Vec<u8>>> {
+        let mut all = Vec::new();
+        self.gather_each(bytes, &mut |_, bytes| all.push(bytes.to_vec()));
+        (self.rank() == 0).then_some(all)
+    }
+
+    /// Collective: on rank 0 `take` gets every rank's bytes, of any lengths, one after the other in rank order.
+    fn gather_each(&self, bytes: &[u8], take: &mut dyn FnMut(usize, &[u8])) {
         if self.rank() > 0 {
             self.hand_in_chunk(&(bytes.len() as u64).to_le_bytes());
             bytes.chunks(self.chunk_bytes()).for_each(|chunk| self.hand_in_chunk(chunk));
-            return None;
+            return;
         }
-        let mut all = vec![bytes.to_vec()];
+        take(0, bytes);
+        let mut theirs = Vec::new();
         for from in 1..self.size() {
             let mut length = [0; 8];
             self.collect_chunk(from, &mut length);
-            let mut theirs = vec![0; u64::from_le_bytes(length) as usize];
+            theirs.clear();
+            theirs.resize(u64::from_le_bytes(length) as usize, 0);
             theirs.chunks_mut(self.chunk_bytes()).for_each(|chunk| self.collect_chunk(from, chunk));
-            all.push(theirs);
+            take(from, &theirs);
         }
-        Some(all)
     }
 }
 

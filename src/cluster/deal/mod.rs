@@ -15,11 +15,12 @@
 //!
 //! Each request has one answer and all ranks leave together, so nothing of one deal strays into the next.
 
+mod fixed;
 mod hand;
 mod plan;
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 
 use std::time::{Duration, Instant};
 
@@ -28,6 +29,7 @@ use serde::{Deserialize, Serialize};
 
 use super::comm::{Comm, Message, Tag};
 use crate::error::{Error, Result};
+pub use fixed::run_fixed;
 use hand::Hand;
 use plan::Dealer;
 pub use plan::Plan;

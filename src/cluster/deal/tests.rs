@@ -15,7 +15,7 @@ fn pool(threads: usize) -> ThreadPool {
 }
 
 /// A small repeatable random number.
-fn mix(seed: u64, salt: u64) -> u64 {
+pub fn mix(seed: u64, salt: u64) -> u64 {
     let mut z = (seed << 20).wrapping_add(salt).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 32)).wrapping_mul(0xd6e8_feb8_6659_fd93);
     z ^ (z >> 32)
@@ -88,7 +88,7 @@ fn deal(
 }
 
 /// Fails if `body` takes longer than `limit`, as a deadlock would.
-fn within(limit: Duration, body: impl FnOnce() + Send + 'static) {
+pub fn within(limit: Duration, body: impl FnOnce() + Send + 'static) {
     let (done, wait) = mpsc::channel();
     let thread = std::thread::spawn(move || {
         body();

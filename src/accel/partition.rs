@@ -1,0 +1,218 @@
+//! Cutting a scene into parts for ranks: by place, along a Morton curve through blocks of voxels, or by equal numbers of primitives. Knows no rank but by number.
+
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+
+use rayon::prelude::*;
+
+use super::lattice::Lattice;
+use super::route::{NOBODY, Voxels};
+use super::solid;
+use crate::geometry::{Prepared, Ray};
+use crate::scene::Surfaces;
+
+/// Voxels for each primitive.
+const DENSITY: f64 = 0.25;
+/// Fewest voxels, for scenes of few large primitives, and fewest for each rank: 64 blocks.
+const FEWEST: f64 = 4096.0;
+const FEWEST_PER_RANK: f64 = 4096.0;
+/// Most voxels that scenes get for being large, 2^24 where there are very many ranks.
+const MOST: f64 = (1u32 << 21) as f64;
+/// The weight of the rays that were looked at beside that of the primitives; memory is what this way of working is for.
+const RAYS_SHARE: f64 = 0.3;
+
+/// What lies where, before anything is anyone's.
+#[derive(Clone, Debug, Default)]
+pub struct Survey {
+    pub lattice: Lattice,
+    pub occupied: Vec<u64>,
+    /// Primitives that reach into each block.
+    entries: Vec<u32>,
+}
+
+impl Survey {
+    /// Looks at all primitives that can be hit. On the current rayon pool.
+    pub fn new(surfaces: &Surfaces, ranks: usize) -> Survey {
+        let ids = solid(surfaces);
+        let Some((low, high)) = surfaces.bounds().filter(|_| !ids.is_empty()) else {
+            return Survey::default();
+        };
+        let fewest = FEWEST.max(FEWEST_PER_RANK * ranks as f64);
+        let voxels = (DENSITY * ids.len() as f64).clamp(FEWEST, MOST).max(fewest.min(8.0 * MOST));
+        let lattice = Lattice::over(low.to_array(), high.to_array(), voxels);
+        let occupied: Vec<AtomicU64> = (0..lattice.blocks()).map(|_| AtomicU64::new(0)).collect();
+        let entries: Vec<AtomicU32> = (0..lattice.blocks()).map(|_| AtomicU32::new(0)).collect();
+        ids.par_iter().for_each(|&id| {
+            lattice.each_block(surfaces, id, |block, bits| {
+                occupied[block].fetch_or(bits, Ordering::Relaxed);
+                entries[block].fetch_add(1, Ordering::Relaxed);
+            });
+        });
+        Survey {
+            lattice,
+            occupied: occupied.into_iter().map(AtomicU64::into_inner).collect(),
+            entries: entries.into_iter().map(AtomicU32::into_inner).collect(),
+        }
+    }
+
+    /// Gives each block with something in it to one of `ranks`: runs along a Morton curve of about equal weight, which is that of the primitives and of the `looks`, rays that
+    /// tell how often blocks are looked into.
+    pub fn divide(&self, ranks: usize, looks: &[Ray]) -> Voxels {
+        let mut voxels = Voxels {
+            lattice: self.lattice,
+            occupied: self.occupied.clone(),
+            owners: vec![NOBODY; self.occupied.len()],
+        };
+        let mut visits = vec![0u32; self.occupied.len()];
+        for ray in looks.iter().filter(|ray| self.lattice.serves(ray.origin.to_array())) {
+            let prepared = Prepared::new(ray);
+            let mut last = usize::MAX;
+            self.lattice.walk(&self.occupied, &prepared, |_, block| {
+                if block != last {
+                    visits[block] += 1;
+                    last = block;
+                }
+                Some(prepared.t_max)
+            });
+        }
+        let sum = |counts: &[u32]| counts.iter().map(|&count| f64::from(count)).sum::<f64>().max(1.0);
+        let (all_entries, all_visits) = (sum(&self.entries), sum(&visits));
+        let share = if visits.iter().any(|&count| count > 0) { RAYS_SHARE } else { 0.0 };
+        let weight = |block: usize| {
+            (1.0 - share) * f64::from(self.entries[block]) / all_entries
+                + share * f64::from(visits[block]) / all_visits
+        };
+        let mut blocks: Vec<usize> =
+            (0..self.occupied.len()).filter(|&block| self.occupied[block] != 0).collect();
+        blocks.sort_by_key(|&block| morton(self.lattice.block_place(block)));
+        let mut before = 0.0;
+        for block in blocks {
+            // The rank in whose share the block's middle lies.
+            let middle = before + 0.5 * weight(block);
+            voxels.owners[block] = ((middle * ranks as f64) as u32).min(ranks as u32 - 1);
+            before += weight(block);
+        }
+        voxels
+    }
+}
+
+impl Voxels {
+    /// The primitives, ascending, of each rank: all that reach into voxels of its blocks. On the current rayon pool.
+    pub fn parts(&self, surfaces: &Surfaces, ranks: usize) -> Vec<Vec<u32>> {
+        (0..ranks).map(|rank| self.part(surfaces, rank)).collect()
+    }
+
+    /// The primitives, ascending, of one rank. On the current rayon pool.
+    pub fn part(&self, surfaces: &Surfaces, rank: usize) -> Vec<u32> {
+        if self.owners.is_empty() {
+            return Vec::new();
+        }
+        solid(surfaces)
+            .into_par_iter()
+            .filter(|&id| {
+                let mut is_own = false;
+                self.lattice.each_block(surfaces, id, |block, _| is_own |= self.owners[block] == rank as u32);
+                is_own
+            })
+            .collect()
+    }
+}
+
+/// The primitives, ascending, of each of `ranks` where nothing but their number counts: runs along a Morton curve through the middles of their boxes. On the
+/// current rayon pool.
+pub fn by_number(surfaces: &Surfaces, ranks: usize) -> Vec<Vec<u32>> {
+    let ids = solid(surfaces);
+    let Some((low, high)) = surfaces.bounds() else { return vec![Vec::new(); ranks] };
+    let cells = f64::from(1 << 20);
+    let size = (high - low).max_element().max(f64::MIN_POSITIVE) / cells;
+    let mut keyed: Vec<(u64, u32)> = ids
+        .into_par_iter()
+        .map(|id| {
+            let middle = match surfaces.sphere_at(id) {
+                Some(sphere) => sphere.center.map(f64::from),
+                None => {
+                    let [a, b, c] = surfaces.triangle(id).map(|v| v.map(f64::from));
+                    std::array::from_fn(|k| 0.5 * (a[k].min(b[k]).min(c[k]) + a[k].max(b[k]).max(c[k])))
+                }
+            };
+            let place = std::array::from_fn(|k| ((middle[k] - low[k]) / size).clamp(0.0, cells - 1.0) as u32);
+            (morton(place), id)
+        })
+        .collect();
+    keyed.par_sort_unstable();
+    let end = |rank: usize| keyed.len() * rank / ranks;
+    (0..ranks)
+        .map(|rank| {
+            let mut part: Vec<u32> = keyed[end(rank)..end(rank + 1)].iter().map(|&(_, id)| id).collect();
+            part.par_sort_unstable();
+            part
+        })
+        .collect()
+}
+
+/// The place of a point, 21 bits an axis, along a Morton curve.
+pub fn morton(place: [u32; 3]) -> u64 {
+    let spread = |x: u32| {
+        let mut x = u64::from(x) & 0x1f_ffff;
+        x = (x | x << 32) & 0x001f_0000_0000_ffff;
+        x = (x | x << 16) & 0x001f_0000_ff00_00ff;
+        x = (x | x << 8) & 0x100f_00f0_0f00_f00f;
+        x = (x | x << 4) & 0x10c3_0c30_c30c_30c3;
+        (x | x << 2) & 0x1249_2492_4924_9249
+    };
+    spread(place[0]) | spread(place[1]) << 1 | spread(place[2]) << 2
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::generate::terrain::Terrain;
+
+    fn surfaces() -> Surfaces {
+        let mesh = Terrain { cells: 60, ..Terrain::default() }.mesh();
+        Surfaces { positions: mesh.positions, triangles: mesh.triangles, ..Surfaces::default() }
+    }
+
+    #[test]
+    fn a_morton_code_interleaves_bits() {
+        assert_eq!(morton([1, 0, 0]), 1);
+        assert_eq!(morton([0, 3, 0]), 0b010_010);
+        assert_eq!(morton([2, 0, 1]), 0b001_100);
+        assert_eq!(morton([0x1f_ffff; 3]), (1 << 63) - 1);
+    }
+
+    #[test]
+    fn parts_cover_everything_and_are_about_equal() {
+        let surfaces = surfaces();
+        for ranks in [1, 2, 3, 8] {
+            let voxels = Survey::new(&surfaces, ranks).divide(ranks, &[]);
+            let parts = voxels.parts(&surfaces, ranks);
+            let mut all: Vec<u32> = parts.concat();
+            all.sort_unstable();
+            let entries = all.len();
+            all.dedup();
+            assert_eq!(all, (0..surfaces.len() as u32).collect::<Vec<_>>());
+            assert!((entries as f64) < 1.4 * all.len() as f64, "{entries} entries of {}", all.len());
+            let fair = entries as f64 / ranks as f64;
+            for part in &parts {
+                assert!(part.is_sorted() && (0.7 * fair..1.4 * fair).contains(&(part.len() as f64)));
+            }
+        }
+    }
+
+    #[test]
+    fn equal_numbers_are_equal() {
+        let surfaces = surfaces();
+        let parts = by_number(&surfaces, 7);
+        assert!(parts.iter().all(|part| part.is_sorted() && part.len().abs_diff(7200 / 7) <= 1));
+        let mut all = parts.concat();
+        all.sort_unstable();
+        assert_eq!(all, (0..7200).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn nothing_is_nobodys() {
+        let survey = Survey::new(&Surfaces::default(), 3);
+        assert_eq!(survey.divide(3, &[]).parts(&Surfaces::default(), 3), vec![Vec::<u32>::new(); 3]);
+        assert_eq!(by_number(&Surfaces::default(), 2), vec![Vec::<u32>::new(); 2]);
+    }
+}

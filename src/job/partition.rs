@@ -1,0 +1,208 @@
+//! Splits where each rank has only a part of the scene: cutting it, giving every rank its part, and the render by rays that travel.
+
+use std::ops::Range;
+use std::time::Instant;
+
+use super::{Crew, Work};
+use crate::accel::Accel;
+use crate::accel::partition::{Survey, by_number, morton};
+use crate::accel::route::Route;
+use crate::cluster::exchange::{self, Limits, Outbox, Station};
+use crate::cluster::share::{self, Share};
+use crate::cluster::{parcel, wire};
+use crate::error::{Error, Result};
+use crate::output::stats::{self, PartStats, RankStats};
+use crate::render::Renderer;
+use crate::render::cost;
+use crate::render::film::Film;
+use crate::render::relay::{Exit, Holding, Relay, Traveller};
+use crate::render::tile::{Tile, Tiling};
+use crate::scene::Scene;
+use crate::settings::{Deal, Split};
+
+/// Edge of the tiles, in pixels, whose camera rays are made at once.
+const TILE: u32 = 32;
+
+/// What a rank knows of the division beside its own part of the scene.
+#[derive(Clone, Debug)]
+pub struct Division {
+    /// Of each primitive here its id in the whole, ascending.
+    pub ids: Vec<u32>,
+    pub route: Route,
+}
+
+/// Collective: rank 0 cuts its scene and every rank gets its part of it, with a structure over that.
+pub(super) fn scatter(crew: &Crew, work: &mut Work) -> Result<()> {
+    let (comm, share) = (crew.comm, Share::new(crew.comm));
+    let ranks = comm.size();
+    share.value(&mut work.image)?;
+    share.value(&mut work.run)?;
+    let limits: Option<Limits> =
+        Limits::new::<Traveller>(work.run.ray_memory, ranks, crew.pool.current_num_threads());
+    share::agreed(comm, limits.map(|_| ()).ok_or_else(|| too_little_ray_memory(crew)))?;
+
+    // Rank 0 has everything: it cuts, sends, and keeps its own part. The others wait for theirs.
+    let mut voxels = Vec::new();
+    let own = if comm.rank() == 0 {
+        let whole = std::mem::take(&mut work.scene);
+        let (route, parts) = crew.wide.install(|| cut(&whole, work, ranks));
+        if let Route::Voxels(of_blocks) = &route {
+            voxels = wire::encode(of_blocks)?;
+        }
+        comm.broadcast(&mut voxels);
+        for (rank, ids) in parts.iter().enumerate().skip(1) {
+            let part = crew.wide.install(|| whole.subset(ids));
+            parcel::send(comm, rank, &super::pack::pack(&part, ids)?);
+        }
+        let ids = parts.into_iter().next().unwrap_or_default();
+        let scene = crew.wide.install(|| whole.subset(&ids));
+        (scene, ids)
+    } else {
+        comm.broadcast(&mut voxels);
+        super::pack::unpack(&parcel::receive(comm, 0))?
+    };
+    let route = if voxels.is_empty() { Route::All } else { Route::Voxels(wire::decode(&voxels)?) };
+    // Rays must not come to a rank that still waits for its part.
+    comm.barrier();
+    let (scene, ids) = own;
+    work.accel = crew.pool.install(|| Accel::build(work.run.accel, work.run.build, &scene.surfaces));
+    work.scene = scene;
+    work.division = Some(Division { ids, route });
+    Ok(())
+}
+
+fn too_little_ray_memory(crew: &Crew) -> Error {
+    let least = Limits::least::<Traveller>(crew.comm.size(), crew.pool.current_num_threads());
+    Error::usage(
+        "--ray-memory",
+        format!("too little for the rays between {} ranks", crew.comm.size()),
+        format!("give at least {least} bytes"),
+    )
+}
+
+/// How rays will find their way, and the primitives of each rank.
+fn cut(whole: &Scene, work: &Work, ranks: usize) -> (Route, Vec<Vec<u32>>) {
+    if work.run.split == Split::Triangles {
+        return (Route::All, by_number(&whole.surfaces, ranks));
+    }
+    let survey = Survey::new(&whole.surfaces, ranks);
+    let looks = cost::looks(&Renderer::new(whole, &Accel::Brute, &work.image), work.image.crop);
+    let voxels = survey.divide(ranks, &looks);
+    let parts = voxels.parts(&whole.surfaces, ranks);
+    (Route::Voxels(voxels), parts)
+}
+
+/// Collective: renders by rays that travel between the parts; rank 0 gets the film.
+pub(super) fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Option<Film>> {
+    let comm = crew.comm;
+    let Division { ids, route } = work.division.take().expect("the scene was divided");
+    let limits = Limits::new::<Traveller>(work.run.ray_memory, comm.size(), crew.pool.current_num_threads())
+        .ok_or_else(|| too_little_ray_memory(crew))?;
+    let begin = Instant::now();
+    let holding = Holding {
+        scene: std::mem::take(&mut work.scene),
+        accel: std::mem::replace(&mut work.accel, Accel::Brute),
+        ids,
+    };
+    stats.part = Some(PartStats {
+        primitives: holding.ids.len() as u64,
+        scene_bytes: holding.scene.memory() as u64,
+        accel_bytes: holding.accel.memory() as u64,
+        ..PartStats::default()
+    });
+
+    // Every rank makes the camera rays of its own tiles.
+    let tiling = Tiling::new(work.image.crop, TILE);
+    let tiles = dealt_tiles(&tiling, work.run.deal, comm.rank(), comm.size());
+    let units = tiles.len() as u64 * u64::from(work.image.spp);
+    let relay = Relay::new(holding, &route, comm.rank(), comm.size(), &work.image);
+    let mut source = Source { relay, tiling, tiles, width: work.image.width, spp: work.image.spp };
+    let mut shown = 0;
+    if comm.rank() == 0 {
+        crew.progress.begin(units);
+    }
+    let mut tick = |begun: u64| {
+        if comm.rank() == 0 {
+            crew.progress.advance(begun - shown);
+            shown = begun;
+        }
+    };
+    let exchanged = {
+        let _span = crew.timeline.span(0, "exchange");
+        exchange::run(comm, crew.pool, &limits, units, &mut source, &mut tick)?
+    };
+    if comm.rank() == 0 {
+        crew.progress.end();
+    }
+    stats.tiles = source.tiles.len() as u64;
+    stats.seconds.trace = begin.elapsed().as_secs_f64();
+
+    // The films of all ranks add up to the image.
+    let relay = source.relay;
+    let [camera, reflection, refraction, shadow] = relay.tally.counts();
+    stats.rays = stats::RayCounts { camera, reflection, refraction, shadow, ..stats.rays };
+    if let Some(part) = &mut stats.part {
+        part.exchange = exchanged;
+    }
+    let (holding, mut film) = relay.into_parts();
+    let mut outcome = Ok(());
+    let own = film.as_bytes().to_vec();
+    comm.gather_each(&own, &mut |from, bytes| {
+        if from > 0 && outcome.is_ok() {
+            outcome = film.add(bytes);
+        }
+    });
+    outcome?;
+    stats.seconds.gather = begin.elapsed().as_secs_f64() - stats.seconds.trace;
+    work.division = Some(Division { ids: holding.ids, route });
+    (work.scene, work.accel) = (holding.scene, holding.accel);
+    Ok((comm.rank() == 0).then_some(film))
+}
+
+/// The tiles of one rank, in Morton order.
+pub(super) fn dealt_tiles(tiling: &Tiling, deal: Deal, rank: usize, ranks: usize) -> Vec<u32> {
+    let mut tiles: Vec<u32> = (0..tiling.len()).collect();
+    tiles.sort_by_key(|&index| {
+        let Tile { x0, y0, .. } = tiling.tile(index);
+        morton([x0 / tiling.size(), y0 / tiling.size(), 0])
+    });
+    match deal {
+        Deal::Interleaved => tiles.into_iter().skip(rank).step_by(ranks).collect(),
+        Deal::Blocks => tiles[tiles.len() * rank / ranks..tiles.len() * (rank + 1) / ranks].to_vec(),
+    }
+}
+
+/// The rays of one rank: those that it makes, and those that come to it.
+struct Source<'a> {
+    relay: Relay<'a>,
+    tiling: Tiling,
+    tiles: Vec<u32>,
+    width: u32,
+    spp: u32,
+}
+
+impl Station<Traveller> for Source<'_> {
+    fn prepare(&mut self, wave: &[Traveller]) {
+        self.relay.prepare(wave);
+    }
+
+    fn begin(&self, unit: u64, out: &mut Outbox<Traveller>) {
+        let (place, sample) = (unit / u64::from(self.spp), unit % u64::from(self.spp));
+        let tile = self.tiling.tile(self.tiles[place as usize]);
+        self.relay.begin(tile.pixels(self.width), sample as u32, out);
+    }
+
+    fn work(&self, wave: &[Traveller], range: Range<usize>, out: &mut Outbox<Traveller>) {
+        self.relay.work(wave, range, out);
+    }
+}
+
+impl Exit for Outbox<Traveller> {
+    fn send(&mut self, rank: usize, traveller: Traveller) {
+        self.push(rank, traveller);
+    }
+
+    fn room(&self) -> usize {
+        Outbox::room(self)
+    }
+}
