@@ -44,8 +44,9 @@ impl Route {
     /// The ranks before are the same for any `t_best`: a nearer one only ends the route sooner.
     pub fn next(&self, ray: &Ray, t_best: f64, ranks: usize, progress: Progress) -> Option<usize> {
         let hops = progress.hops as usize;
-        let in_turn = || (hops < ranks).then_some((progress.home as usize + hops) % ranks);
+        let in_turn = || Some((progress.home as usize + hops) % ranks);
         match self {
+            _ if hops >= ranks => None,
             Route::All => in_turn(),
             Route::Voxels(voxels) if voxels.owners.is_empty() => None,
             Route::Voxels(voxels) if !voxels.lattice.serves(ray.origin.to_array()) => in_turn(),

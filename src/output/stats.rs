@@ -60,7 +60,6 @@ pub struct RankStats {
     pub tiles: u64,
     pub bytes_sent: u64,
     /// Where the rank had a part of the scene only.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part: Option<PartStats>,
 }
 

@@ -4,12 +4,14 @@
 //! its original origin and direction (never moved), and what it starts on, which may lie elsewhere. Ids in a [`Traveller`] are those of the whole scene; here, and only here, they
 //! become those of the rank's part and back.
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
 use bytemuck::{Pod, Zeroable};
 
 use super::film::{Film, SharedFilm};
 use super::filter::FilterTable;
 use super::streams::Streams;
-use super::{BATCH, RayTally, Renderer};
+use super::{BATCH, RayCounts, RayTally, Renderer};
 use crate::accel::Accel;
 use crate::accel::route::{Progress, Route};
 use crate::geometry::NONE;
@@ -100,6 +102,7 @@ pub struct Relay<'a> {
     filter: FilterTable,
     film: SharedFilm,
     pub tally: RayTally,
+    scratch: Mutex<Vec<Scratch>>,
 }
 
 impl<'a> Relay<'a> {
@@ -112,7 +115,17 @@ impl<'a> Relay<'a> {
     ) -> Self {
         let filter = FilterTable::new(settings.filter);
         let film = SharedFilm::new(settings.crop, settings.width, filter.planes());
-        Relay { holding, route, rank, ranks, settings, filter, film, tally: RayTally::default() }
+        Relay {
+            holding,
+            route,
+            rank,
+            ranks,
+            settings,
+            filter,
+            film,
+            tally: RayTally::default(),
+            scratch: Mutex::default(),
+        }
     }
 
     /// The part, and what was deposited here.
@@ -154,7 +167,7 @@ impl<'a> Relay<'a> {
 }
 
 /// A ray in work.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Pending {
     traveller: Traveller,
     /// What it starts on, as this rank names it.
@@ -180,21 +193,37 @@ struct Leg<'r> {
     exit: &'r mut dyn Exit,
     /// Rays that are to be traced here.
     streams: Streams<Pending>,
+    scratch: Scratch,
+    /// Rays made here.
+    counts: RayCounts,
+}
+
+/// Empty buffers of a task, kept for the next.
+#[derive(Debug, Default)]
+struct Scratch {
+    wave: Vec<Pending>,
+    records: Vec<RayRecord>,
+    answers: Vec<Answer>,
+    streams: Streams<Pending>,
+}
+
+/// A panic elsewhere leaves the list of buffers whole.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<'r> Leg<'r> {
     fn new(relay: &'r Relay, wave: &'r [Traveller], exit: &'r mut dyn Exit) -> Self {
         let Holding { scene, accel, .. } = &relay.holding;
         let renderer = Renderer::with_filter(scene, accel, relay.settings, relay.filter.clone());
-        Leg { relay, renderer, wave, exit, streams: Streams::default() }
+        let mut scratch = lock(&relay.scratch).pop().unwrap_or_default();
+        let streams = std::mem::take(&mut scratch.streams);
+        Leg { relay, renderer, wave, exit, streams, scratch, counts: RayCounts::default() }
     }
 
     /// Traces what is to be traced here until nothing is left, or until there is no room for more.
     fn run(&mut self) {
-        let mut wave: Vec<Pending> = Vec::with_capacity(BATCH);
-        let mut records: Vec<RayRecord> = Vec::with_capacity(BATCH);
-        let mut answers: Vec<Answer> = Vec::with_capacity(BATCH);
-        let mut counts = super::RayCounts::default();
+        let Scratch { mut wave, mut records, mut answers, .. } = std::mem::take(&mut self.scratch);
         loop {
             wave.clear();
             self.streams.take(&mut wave, BATCH);
@@ -209,8 +238,6 @@ impl<'r> Leg<'r> {
             let Holding { scene, accel, .. } = &self.relay.holding;
             accel.trace(&scene.surfaces, &records, &mut answers);
             for (pending, answer) in wave.drain(..).zip(&answers) {
-                counts[pending.traveller.record.made_by() as usize] +=
-                    u64::from(pending.traveller.progress.hops == 0);
                 self.answered(pending, answer);
             }
             if self.streams.len() > self.exit.room() {
@@ -219,7 +246,9 @@ impl<'r> Leg<'r> {
                 break;
             }
         }
-        self.relay.tally.add(&counts);
+        self.relay.tally.add(&self.counts);
+        let streams = std::mem::take(&mut self.streams);
+        lock(&self.relay.scratch).push(Scratch { wave, records, answers, streams });
     }
 
     /// Takes in a ray of the wave.
@@ -300,6 +329,7 @@ impl<'r> Leg<'r> {
 impl Sink for Leg<'_> {
     /// Takes in a ray that was made here, in this rank's ids.
     fn push(&mut self, record: RayRecord) {
+        self.counts[record.made_by() as usize] += 1;
         let ids = &self.relay.holding.ids;
         let mut traveller = Traveller {
             record,
