@@ -4,7 +4,7 @@ mod common;
 
 use std::path::PathBuf;
 
-use common::{fingerprint, name, render, repository, scenes, small_work};
+use common::{converted, fingerprint, name, render, repository, scenes, small_work};
 use heliostat::accel::Accel;
 use heliostat::image::Image;
 use heliostat::output::write::{Format, WriteOptions, encode};
@@ -49,6 +49,18 @@ fn the_grid_sees_the_same() {
         work.run.accel = AccelKind::Grid;
         work.accel = Accel::build(AccelKind::Grid, BuildSettings::default(), &work.scene.surfaces);
         assert_eq!(fingerprint(&render(&work, 2)), expected, "{}", name(&scene));
+    }
+}
+
+#[test]
+fn a_converted_scene_is_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    for scene in scenes() {
+        let work = small_work(&scene, AccelKind::Bvh);
+        let converted = small_work(&converted(&scene, folder.path()), AccelKind::Bvh);
+        assert_eq!(converted.image, work.image);
+        let expected = fingerprint(&render(&work, 2));
+        assert_eq!(fingerprint(&render(&converted, 2)), expected, "{}", name(&scene));
     }
 }
 

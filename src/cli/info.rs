@@ -12,7 +12,7 @@ use crate::settings::{AccelKind, BuildPreset};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A scene (.toml) or a model (.obj)
+    /// A scene (.toml or .helio) or a model (.obj)
     scene: PathBuf,
     /// Print JSON
     #[arg(long)]
@@ -71,12 +71,12 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 fn surface_bytes(surfaces: &Surfaces) -> usize {
-    size_of_val(surfaces.positions.as_slice())
-        + size_of_val(surfaces.triangles.as_slice())
-        + size_of_val(surfaces.spheres.as_slice())
-        + size_of_val(surfaces.normals.as_slice())
-        + size_of_val(surfaces.uvs.as_slice())
-        + size_of_val(surfaces.colors.as_slice())
+    size_of_val(&surfaces.positions[..])
+        + size_of_val(&surfaces.triangles[..])
+        + size_of_val(&surfaces.spheres[..])
+        + size_of_val(&surfaces.normals[..])
+        + size_of_val(&surfaces.uvs[..])
+        + size_of_val(&surfaces.colors[..])
 }
 
 fn table(info: &Info) -> String {

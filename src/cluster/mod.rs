@@ -9,10 +9,10 @@ mod end;
 mod launcher;
 pub mod share;
 pub mod threads;
-pub mod wire;
 
 use crate::error::Result;
 
+pub use crate::wire;
 pub use comm::{Comm, Message, Solo, Tag};
 pub use end::{fail, finish, internal_error_hook};
 
