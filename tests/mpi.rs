@@ -8,11 +8,12 @@ mod common;
 use std::collections::BTreeMap;
 use std::process::{Command, ExitCode};
 
-use common::{fingerprint, name, render, scenes, small_work};
+use common::{converted, fingerprint, name, render, scenes, small_work};
 use heliostat::accel::Accel;
 use heliostat::cluster::share::Share;
 use heliostat::cluster::{self, Comm};
 use heliostat::error::Result;
+use heliostat::image::Image;
 use heliostat::job::{self, Crew, Work};
 use heliostat::output::progress::ProgressKind;
 use heliostat::output::stats::RankStats;
@@ -38,6 +39,7 @@ fn main() -> ExitCode {
 
 /// Collective: prints a line for each scene and way on rank 0.
 fn render_all(comm: &dyn Comm) -> Result<()> {
+    let folder = if comm.rank() == 0 { tempfile::tempdir().ok() } else { None };
     for scene in scenes() {
         let mut origin = if comm.rank() == 0 { small_work(&scene, AccelKind::Bvh) } else { Work::default() };
         for (way, (threads, tile_size, chunk_bytes)) in WAYS.into_iter().enumerate() {
@@ -53,17 +55,29 @@ fn render_all(comm: &dyn Comm) -> Result<()> {
             }
             let mut work = if comm.rank() == 0 { origin.clone() } else { Work::default() };
             work.share(Share::new(comm))?;
-            let pool = job::thread_pool(threads)?;
-            let progress = ProgressKind::None.start();
-            let crew =
-                Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
-            let image = job::render(&crew, &work, &mut RankStats::default())?;
-            if let Some(image) = image {
+            if let Some(image) = render_on(comm, &work, threads)? {
                 println!("{} {way} {}", name(&scene), fingerprint(&image));
             }
         }
+        // Converted, it is mapped by every rank and not sent.
+        let mut work = match &folder {
+            Some(folder) => small_work(&converted(&scene, folder.path()), AccelKind::Bvh),
+            None => Work::default(),
+        };
+        work.share(Share::new(comm))?;
+        assert!(work.scene.file.is_some(), "rank {} has mapped nothing", comm.rank());
+        if let Some(image) = render_on(comm, &work, 1)? {
+            println!("{} {} {}", name(&scene), WAYS.len(), fingerprint(&image));
+        }
     }
     Ok(())
+}
+
+fn render_on(comm: &dyn Comm, work: &Work, threads: usize) -> Result<Option<Image>> {
+    let pool = job::thread_pool(threads)?;
+    let progress = ProgressKind::None.start();
+    let crew = Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
+    job::render(&crew, work, &mut RankStats::default())
 }
 
 fn share_small(comm: &dyn Comm, work: &Work) -> Result<bool> {
@@ -76,7 +90,7 @@ fn compare_launches() {
     for scene in scenes() {
         let work = small_work(&scene, AccelKind::Bvh);
         let image = render(&work, 2);
-        for way in 0..WAYS.len() {
+        for way in 0..=WAYS.len() {
             alone.insert(format!("{} {way}", name(&scene)), fingerprint(&image));
         }
     }
