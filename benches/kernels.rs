@@ -41,8 +41,11 @@ fn kernels(criterion: &mut Criterion) {
     for subdivisions in [3, 6] {
         let mesh = icosphere(subdivisions, DVec3::ZERO, 1.0);
         let count = mesh.triangles.len();
-        let surfaces =
-            Surfaces { positions: mesh.positions, triangles: mesh.triangles, ..Surfaces::default() };
+        let surfaces = Surfaces {
+            positions: mesh.positions.into(),
+            triangles: mesh.triangles.into(),
+            ..Surfaces::default()
+        };
         let wide = Wide::build(&surfaces, BuildPreset::Balanced);
         let mut answers = vec![Answer::MISS; RAYS];
         for (class, any, rays) in classes() {

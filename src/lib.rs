@@ -27,6 +27,7 @@ pub mod render;
 pub mod scene;
 pub mod settings;
 pub mod transport;
+pub mod wire;
 
 pub use job::render_alone;
 

@@ -1,4 +1,8 @@
-//! Arrays that are too large for pages of 4 KiB.
+//! Large arrays: on large pages, in memory or in files. Knows nothing of what they hold.
+
+mod mapped;
+mod spill;
+mod store;
 
 use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
@@ -6,10 +10,17 @@ use std::ops::{Deref, DerefMut};
 use bytemuck::Pod;
 use memmap2::MmapMut;
 
+pub use store::Store;
+
 /// An array whose length is known when it is made, and which can be filled in place.
 pub trait Array<T>: Sized + DerefMut<Target = [T]> {
     /// All bytes 0; `None` if there is too little memory.
     fn zeroed(length: usize) -> Option<Self>;
+
+    /// Readies it for being written to, which doing so would do as well, but not without memory; `None` if there is too little.
+    fn make_writable(&mut self) -> Option<()> {
+        Some(())
+    }
 }
 
 impl<T: Pod> Array<T> for Vec<T> {

@@ -52,6 +52,49 @@ fn renders_under_the_scenes_name_by_default() {
 }
 
 #[test]
+fn a_converted_scene_is_rendered_as_the_scene_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| {
+        let output = heliostat(folder.path(), arguments);
+        assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+        (text(&output.stdout), text(&output.stderr))
+    };
+    let textured = scene("textured.toml");
+    let (_, said) = run(&["convert", &textured]);
+    assert!(said.contains("wrote textured.helio: ") && said.contains(" triangles, 0 spheres"), "{said}");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    run(&["render", &textured, "--width", "50", "-q", "-o", "a.png"]);
+    run(&["render", "textured.helio", "--width", "50", "-q", "-o", "b.png"]);
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert!(read("a.png") == read("b.png"));
+    assert_eq!(run(&["info", "--json", "textured.helio"]).0, run(&["info", "--json", &textured]).0);
+    assert_eq!(run(&["validate", "textured.helio"]).0, "textured.helio: good\n");
+    // Onto itself, from itself.
+    let first = read("textured.helio");
+    assert_eq!(run(&["convert", "-q", "textured.helio", "-o", "textured.helio"]), Default::default());
+    assert!(read("textured.helio") == first);
+
+    let mut damaged = first.clone();
+    damaged[1000] ^= 1;
+    std::fs::write(folder.path().join("damaged.helio"), damaged).unwrap();
+    std::fs::write(folder.path().join("short.helio"), &first[..first.len() / 2]).unwrap();
+    let anew = "convert the scene anew";
+    refuses_in(folder.path(), &["render", "damaged.helio"], 1, &["damaged.helio: its section", anew]);
+    refuses_in(folder.path(), &["validate", "short.helio"], 1, &["short.helio: it has ", anew]);
+}
+
+#[test]
+fn conversions_that_cant_end_well_dont_begin() {
+    refuses(&["convert", &scene("glass.toml"), "-o", "glass.png"], 2, &["--output: glass.png", ".helio"]);
+    refuses(
+        &["convert", &scene("glass.toml"), "-o", "no/a.helio"],
+        1,
+        &["no/a.helio", "create its folder first"],
+    );
+    refuses(&["convert", "no.toml"], 1, &["no.toml: can't read"]);
+}
+
+#[test]
 fn formats_hold_the_same_image_and_files_are_the_same_bytes_again() {
     let folder = tempfile::tempdir().unwrap();
     let spheres = scene("orthographic.toml");

@@ -8,10 +8,11 @@ mod common;
 use std::collections::BTreeMap;
 use std::process::{Command, ExitCode};
 
-use common::{fingerprint, name, render, scenes, small_work};
+use common::{converted, fingerprint, name, render, scenes, small_work};
 use heliostat::accel::Accel;
 use heliostat::cluster::{self, Comm};
 use heliostat::error::Result;
+use heliostat::image::Image;
 use heliostat::job::{self, Crew, Work};
 use heliostat::output::progress::ProgressKind;
 use heliostat::output::stats::RankStats;
@@ -49,6 +50,9 @@ const WAYS: [Way; 9] = [
     Way { ray_memory: 300_000, ..way(2, 32, 90_000, Split::Triangles, AccelKind::Grid) },
 ];
 
+/// The splits that converted scenes are rendered by.
+const CONVERTED: [Split; 3] = [Split::Tiles, Split::Voxels, Split::Triangles];
+
 fn main() -> ExitCode {
     if std::env::var_os(RANK_PROCESS).is_some() {
         return cluster::run(render_all);
@@ -62,6 +66,7 @@ fn main() -> ExitCode {
 
 /// Collective: prints a line for each scene and way on rank 0.
 fn render_all(comm: &dyn Comm) -> Result<()> {
+    let folder = if comm.rank() == 0 { tempfile::tempdir().ok() } else { None };
     for scene in scenes() {
         let mut origin = if comm.rank() == 0 { small_work(&scene, AccelKind::Bvh) } else { Work::default() };
         for (number, way) in WAYS.iter().enumerate() {
@@ -83,18 +88,35 @@ fn render_all(comm: &dyn Comm) -> Result<()> {
                     ..RunSettings::default()
                 };
             }
-            let pool = job::thread_pool(way.threads)?;
-            let progress = ProgressKind::None.start();
-            let crew =
-                Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
-            job::distribute(&crew, &mut work)?;
-            let image = job::render(&crew, &mut work, &mut RankStats::default())?;
-            if let Some(image) = image {
+            if let Some(image) = render_on(comm, work, way.threads)? {
+                println!("{} {number} {}", name(&scene), fingerprint(&image));
+            }
+        }
+        // Converted, it is mapped by every rank and not sent; where a rank has a part only, it copies that.
+        for (number, split) in (WAYS.len()..).zip(CONVERTED) {
+            let mut work = Work::default();
+            if let Some(folder) = &folder {
+                work = small_work(&converted(&scene, folder.path()), AccelKind::Bvh);
+                work.run.split = split;
+            }
+            if let Some(image) = render_on(comm, work, 1)? {
                 println!("{} {number} {}", name(&scene), fingerprint(&image));
             }
         }
     }
     Ok(())
+}
+
+/// Collective: renders rank 0's work.
+fn render_on(comm: &dyn Comm, mut work: Work, threads: usize) -> Result<Option<Image>> {
+    let pool = job::thread_pool(threads)?;
+    let progress = ProgressKind::None.start();
+    let crew = Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
+    let is_mapped = cluster::share::computed(comm, || Ok(work.scene.file.is_some()))?;
+    job::distribute(&crew, &mut work)?;
+    let has_all = work.division.is_none();
+    assert!(!has_all || work.scene.file.is_some() == is_mapped, "rank {} has mapped nothing", comm.rank());
+    job::render(&crew, &mut work, &mut RankStats::default())
 }
 
 fn share_small(comm: &dyn Comm, work: &Work) -> Result<bool> {
@@ -107,7 +129,7 @@ fn compare_launches() {
     for scene in scenes() {
         let work = small_work(&scene, AccelKind::Bvh);
         let image = render(&work, 2);
-        for way in 0..WAYS.len() {
+        for way in 0..WAYS.len() + CONVERTED.len() {
             alone.insert(format!("{} {way}", name(&scene)), fingerprint(&image));
         }
     }

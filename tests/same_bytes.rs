@@ -4,7 +4,7 @@ mod common;
 
 use std::path::PathBuf;
 
-use common::{fingerprint, name, render, render_as, repository, scenes, small_work};
+use common::{converted, fingerprint, name, render, render_as, repository, scenes, small_work};
 use heliostat::accel::Accel;
 use heliostat::cluster::Comm;
 use heliostat::cluster::comm::memory;
@@ -86,6 +86,18 @@ fn ranks_that_have_parts_only_see_the_same() {
             });
             assert_eq!(fingerprint(&found), expected, "{}: {split:?}, {ranks} ranks", name(&scene));
         }
+    }
+}
+
+#[test]
+fn a_converted_scene_is_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    for scene in scenes() {
+        let work = small_work(&scene, AccelKind::Bvh);
+        let converted = small_work(&converted(&scene, folder.path()), AccelKind::Bvh);
+        assert_eq!(converted.image, work.image);
+        let expected = fingerprint(&render(&work, 2));
+        assert_eq!(fingerprint(&render(&converted, 2)), expected, "{}", name(&scene));
     }
 }
 

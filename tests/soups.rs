@@ -61,7 +61,7 @@ proptest! {
         aside in prop_oneof![Just(0.0), -0.01f64..0.01],
     ) {
         let surfaces = Surfaces {
-            positions: triangles.concat(),
+            positions: triangles.concat().into(),
             triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
             ..Surfaces::default()
         };

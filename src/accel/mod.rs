@@ -28,10 +28,13 @@ pub enum Accel {
 
 /// The primitives that rays can meet: all but triangles without area. On the current rayon pool.
 fn solid(surfaces: &Surfaces) -> Vec<u32> {
+    solid_ids(surfaces).collect()
+}
+
+fn solid_ids(surfaces: &Surfaces) -> impl ParallelIterator<Item = u32> + '_ {
     (0..surfaces.len() as u32)
         .into_par_iter()
         .filter(|&id| surfaces.sphere_at(id).is_some() || has_area(&surfaces.triangle(id)))
-        .collect()
 }
 
 impl Accel {

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::lattice::Lattice;
 use super::route::{NOBODY, Voxels};
-use super::solid;
+use super::solid_ids;
 use crate::geometry::{Prepared, Ray};
 use crate::scene::Surfaces;
 
@@ -32,16 +32,16 @@ pub struct Survey {
 impl Survey {
     /// Looks at all primitives that can be hit. On the current rayon pool.
     pub fn new(surfaces: &Surfaces, ranks: usize) -> Survey {
-        let ids = solid(surfaces);
-        let Some((low, high)) = surfaces.bounds().filter(|_| !ids.is_empty()) else {
+        let count = solid_ids(surfaces).count();
+        let Some((low, high)) = surfaces.bounds().filter(|_| count > 0) else {
             return Survey::default();
         };
         let fewest = FEWEST.max(FEWEST_PER_RANK * ranks as f64);
-        let voxels = (DENSITY * ids.len() as f64).clamp(FEWEST, MOST).max(fewest.min(8.0 * MOST));
+        let voxels = (DENSITY * count as f64).clamp(FEWEST, MOST).max(fewest.min(8.0 * MOST));
         let lattice = Lattice::over(low.to_array(), high.to_array(), voxels);
         let occupied: Vec<AtomicU64> = (0..lattice.blocks()).map(|_| AtomicU64::new(0)).collect();
         let entries: Vec<AtomicU32> = (0..lattice.blocks()).map(|_| AtomicU32::new(0)).collect();
-        ids.par_iter().for_each(|&id| {
+        solid_ids(surfaces).for_each(|id| {
             lattice.each_block(surfaces, id, |block, bits| {
                 occupied[block].fetch_or(bits, Ordering::Relaxed);
                 entries[block].fetch_add(1, Ordering::Relaxed);
@@ -96,18 +96,12 @@ impl Survey {
 }
 
 impl Voxels {
-    /// The primitives, ascending, of each rank: all that reach into voxels of its blocks. On the current rayon pool.
-    pub fn parts(&self, surfaces: &Surfaces, ranks: usize) -> Vec<Vec<u32>> {
-        (0..ranks).map(|rank| self.part(surfaces, rank)).collect()
-    }
-
-    /// The primitives, ascending, of one rank. On the current rayon pool.
+    /// The primitives, ascending, of one rank: all that reach into voxels of its blocks. On the current rayon pool.
     pub fn part(&self, surfaces: &Surfaces, rank: usize) -> Vec<u32> {
         if self.owners.is_empty() {
             return Vec::new();
         }
-        solid(surfaces)
-            .into_par_iter()
+        solid_ids(surfaces)
             .filter(|&id| {
                 let mut is_own = false;
                 self.lattice.each_block(surfaces, id, |block, _| is_own |= self.owners[block] == rank as u32);
@@ -117,15 +111,13 @@ impl Voxels {
     }
 }
 
-/// The primitives, ascending, of each of `ranks` where nothing but their number counts: runs along a Morton curve through the middles of their boxes. On the
+/// The primitives, ascending, of one of `ranks` where nothing but their number counts: a run along a Morton curve through the middles of their boxes. On the
 /// current rayon pool.
-pub fn by_number(surfaces: &Surfaces, ranks: usize) -> Vec<Vec<u32>> {
-    let ids = solid(surfaces);
-    let Some((low, high)) = surfaces.bounds() else { return vec![Vec::new(); ranks] };
+pub fn by_number(surfaces: &Surfaces, ranks: usize, rank: usize) -> Vec<u32> {
+    let Some((low, high)) = surfaces.bounds() else { return Vec::new() };
     let cells = f64::from(1 << 20);
     let size = (high - low).max_element().max(f64::MIN_POSITIVE) / cells;
-    let mut keyed: Vec<(u64, u32)> = ids
-        .into_par_iter()
+    let mut keyed: Vec<(u64, u32)> = solid_ids(surfaces)
         .map(|id| {
             let middle = match surfaces.sphere_at(id) {
                 Some(sphere) => sphere.center.map(f64::from),
@@ -140,13 +132,9 @@ pub fn by_number(surfaces: &Surfaces, ranks: usize) -> Vec<Vec<u32>> {
         .collect();
     keyed.par_sort_unstable();
     let end = |rank: usize| keyed.len() * rank / ranks;
-    (0..ranks)
-        .map(|rank| {
-            let mut part: Vec<u32> = keyed[end(rank)..end(rank + 1)].iter().map(|&(_, id)| id).collect();
-            part.par_sort_unstable();
-            part
-        })
-        .collect()
+    let mut part: Vec<u32> = keyed[end(rank)..end(rank + 1)].iter().map(|&(_, id)| id).collect();
+    part.par_sort_unstable();
+    part
 }
 
 /// The place of a point, 21 bits an axis, along a Morton curve.
@@ -169,7 +157,7 @@ mod tests {
 
     fn surfaces() -> Surfaces {
         let mesh = Terrain { cells: 60, ..Terrain::default() }.mesh();
-        Surfaces { positions: mesh.positions, triangles: mesh.triangles, ..Surfaces::default() }
+        Surfaces { positions: mesh.positions.into(), triangles: mesh.triangles.into(), ..Surfaces::default() }
     }
 
     #[test]
@@ -185,7 +173,7 @@ mod tests {
         let surfaces = surfaces();
         for ranks in [1, 2, 3, 8] {
             let voxels = Survey::new(&surfaces, ranks).divide(ranks, &[]);
-            let parts = voxels.parts(&surfaces, ranks);
+            let parts: Vec<_> = (0..ranks).map(|rank| voxels.part(&surfaces, rank)).collect();
             let mut all: Vec<u32> = parts.concat();
             all.sort_unstable();
             let entries = all.len();
@@ -202,7 +190,7 @@ mod tests {
     #[test]
     fn equal_numbers_are_equal() {
         let surfaces = surfaces();
-        let parts = by_number(&surfaces, 7);
+        let parts: Vec<_> = (0..7).map(|rank| by_number(&surfaces, 7, rank)).collect();
         assert!(parts.iter().all(|part| part.is_sorted() && part.len().abs_diff(7200 / 7) <= 1));
         let mut all = parts.concat();
         all.sort_unstable();
@@ -212,7 +200,7 @@ mod tests {
     #[test]
     fn nothing_is_nobodys() {
         let survey = Survey::new(&Surfaces::default(), 3);
-        assert_eq!(survey.divide(3, &[]).parts(&Surfaces::default(), 3), vec![Vec::<u32>::new(); 3]);
-        assert_eq!(by_number(&Surfaces::default(), 2), vec![Vec::<u32>::new(); 2]);
+        assert!(survey.divide(3, &[]).part(&Surfaces::default(), 1).is_empty());
+        assert!(by_number(&Surfaces::default(), 2, 1).is_empty());
     }
 }

@@ -20,7 +20,7 @@ pub struct Voxels {
 }
 
 /// How rays find the parts of a scene that they may meet.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Route {
     /// By place: a ray visits the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them.
     Voxels(Voxels),

@@ -24,7 +24,7 @@ pub enum Command {
 
 #[derive(Debug, clap::Args)]
 pub struct KernelsArgs {
-    /// Scenes (.toml), models (.obj) or plain meshes (.tri: u32 vertices, u32 triangles, f32[3] each, u32[3] each)
+    /// Scenes (.toml or .helio), models (.obj) or plain meshes (.tri: u32 vertices, u32 triangles, f32[3] each, u32[3] each)
     #[arg(value_name = "SCENE")]
     scenes: Vec<PathBuf>,
     /// The same, by a flag; may be repeated

@@ -12,7 +12,7 @@ use crate::settings::{AccelKind, BuildPreset};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A scene (.toml) or a model (.obj)
+    /// A scene (.toml or .helio) or a model (.obj)
     scene: PathBuf,
     /// Print JSON
     #[arg(long)]

@@ -2,6 +2,7 @@
 
 mod bench;
 mod compare;
+mod convert;
 mod info;
 mod manual;
 mod probe;
@@ -38,12 +39,14 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Render a scene (.toml) or a bare model (.obj).
+    /// Render a scene (.toml, .helio) or a bare model (.obj).
     Render(Box<render::Args>),
     /// Print what a scene holds: counts, bounds, memory, what was dropped.
     Info(info::Args),
     /// Check scenes without rendering them.
     Validate(validate::Args),
+    /// Write a scene as a binary file (.helio) that is mapped instead of read; it may be larger than memory.
+    Convert(convert::Args),
     /// Compare two images; exits with 1 if they differ by more than allowed.
     Compare(compare::Args),
     /// Trace the rays of a binary file against a mesh and write what they meet.
@@ -103,6 +106,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
     share::outcome(comm, || match command {
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Validate(args)) => validate::run(&args),
+        Some(Command::Convert(args)) => convert::run(&args),
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Probe(args)) => probe::run(&args),
         Some(Command::Bench(bench::Command::Kernels(args))) => bench::kernels(&args),

@@ -24,7 +24,7 @@ use crate::settings::{
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// A scene (.toml) or a model (.obj)
+    /// A scene (.toml or .helio) or a model (.obj)
     scene: PathBuf,
     /// Image file: .png, .exr or .pfm, or - for PNG on standard output; may be repeated [default: the scene's name, .png]
     #[arg(

@@ -8,7 +8,7 @@ use crate::scene::load;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Scenes (.toml) or models (.obj)
+    /// Scenes (.toml or .helio) or models (.obj)
     #[arg(required = true, value_name = "SCENE")]
     scenes: Vec<PathBuf>,
 }

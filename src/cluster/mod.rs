@@ -11,10 +11,10 @@ mod launcher;
 pub mod parcel;
 pub mod share;
 pub mod threads;
-pub mod wire;
 
 use crate::error::Result;
 
+pub use crate::wire;
 pub use comm::{Comm, Message, Solo, Tag};
 pub use end::{fail, finish, internal_error_hook};
 

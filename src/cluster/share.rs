@@ -108,6 +108,16 @@ impl<'a> Share<'a> {
         Ok(())
     }
 
+    /// Collective: whether all ranks say yes.
+    ///
+    /// Errors: one that this rank alone may have, so end the job by it.
+    pub fn all(&self, own: bool) -> Result<bool> {
+        let answers = self.comm.gather(&[u8::from(own)]);
+        let mut all = answers.is_some_and(|answers| answers.iter().all(|answer| *answer == [1]));
+        self.value(&mut all)?;
+        Ok(all)
+    }
+
     /// Collective: replaces `array` by rank 0's, of any length, as its bytes lie in memory. Other ranks receive
     /// straight into one of the right type and length.
     ///
@@ -131,19 +141,22 @@ impl<'a> Share<'a> {
         if self.comm.rank() > 0 {
             *array = zeroed_array(shape.0 as usize)?;
         }
+        array.make_writable().ok_or_else(|| no_memory::<T>(shape.0 as usize))?;
         self.comm.broadcast_slice(bytemuck::cast_slice_mut(array));
         Ok(())
     }
 }
 
 fn zeroed_array<T: Pod, A: Array<T>>(length: usize) -> Result<A> {
-    A::zeroed(length).ok_or_else(|| {
-        let gib = length as f64 * size_of::<T>() as f64 / (1u64 << 30) as f64;
-        Error::launch(
-            format!("this rank has no memory for {gib:.2} GiB of the scene"),
-            "start fewer ranks per node, each with more threads",
-        )
-    })
+    A::zeroed(length).ok_or_else(|| no_memory::<T>(length))
+}
+
+fn no_memory<T>(length: usize) -> Error {
+    let gib = length as f64 * size_of::<T>() as f64 / (1u64 << 30) as f64;
+    Error::launch(
+        format!("this rank has no memory for {gib:.2} GiB of the scene"),
+        "start fewer ranks per node, each with more threads",
+    )
 }
 
 #[cfg(test)]
@@ -202,6 +215,18 @@ mod tests {
         assert_eq!(told(&[]), [Ok(0), Ok(1), Ok(2)]);
         assert_eq!(told(&[2]), vec![Err((2, "rank 2: -o: no; yes".to_string())); 3]);
         assert_eq!(told(&[0, 1, 2]), vec![Err((2, "rank 0 and 2 more: -o: no; yes".to_string())); 3]);
+    }
+
+    #[test]
+    fn all_say_yes_or_one_says_no() {
+        let answers = |no: &'static [usize]| {
+            on_ranks(3, move |comm| Share::new(comm).all(!no.contains(&comm.rank())).unwrap())
+        };
+        assert_eq!(answers(&[]), [true; 3]);
+        for no in [&[0][..], &[2], &[0, 1, 2]] {
+            assert_eq!(answers(no), [false; 3]);
+        }
+        assert!(Share::new(&Solo::new()).all(true).unwrap());
     }
 
     #[test]

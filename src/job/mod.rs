@@ -11,7 +11,7 @@ use rayon::ThreadPool;
 use crate::accel::Accel;
 use crate::cluster::deal::{self, DealStats, Plan};
 use crate::cluster::share::Share;
-use crate::cluster::{Comm, Solo, wire};
+use crate::cluster::{Comm, Solo};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::output::progress::{Progress, ProgressKind};
@@ -23,6 +23,7 @@ use crate::render::tile::Tiling;
 use crate::render::{RayTally, Renderer, cost};
 use crate::scene::Scene;
 use crate::settings::{ImageSettings, RunSettings, Split};
+use crate::wire;
 
 pub use partition::Division;
 pub use share::Work;

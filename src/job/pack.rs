@@ -2,9 +2,9 @@
 
 use bytemuck::Pod;
 
-use crate::cluster::wire;
 use crate::error::{Error, Result};
 use crate::scene::{Scene, Texture};
+use crate::wire;
 
 /// The part and the ids of its primitives in the whole.
 pub fn pack(scene: &Scene, ids: &[u32]) -> Result<Vec<u8>> {
@@ -34,14 +34,14 @@ pub fn unpack(bytes: &[u8]) -> Result<(Scene, Vec<u32>)> {
     let (header, sizes): (_, Vec<(u32, u32)>) = wire::decode(&take::<u8>(&mut rest)?)?;
     scene.header = header;
     let surfaces = &mut scene.surfaces;
-    surfaces.positions = take(&mut rest)?;
-    surfaces.triangles = take(&mut rest)?;
-    surfaces.spheres = take(&mut rest)?;
-    surfaces.normals = take(&mut rest)?;
-    surfaces.uvs = take(&mut rest)?;
-    surfaces.colors = take(&mut rest)?;
+    surfaces.positions = take(&mut rest)?.into();
+    surfaces.triangles = take(&mut rest)?.into();
+    surfaces.spheres = take(&mut rest)?.into();
+    surfaces.normals = take(&mut rest)?.into();
+    surfaces.uvs = take(&mut rest)?.into();
+    surfaces.colors = take(&mut rest)?.into();
     for (width, height) in sizes {
-        scene.textures.push(Texture { width, height, texels: take(&mut rest)? });
+        scene.textures.push(Texture { width, height, texels: take(&mut rest)?.into() });
     }
     let ids = take(&mut rest)?;
     if rest.is_empty() { Ok((scene, ids)) } else { Err(broken()) }

@@ -8,8 +8,8 @@ use crate::accel::Accel;
 use crate::accel::partition::{Survey, by_number, morton};
 use crate::accel::route::Route;
 use crate::cluster::exchange::{self, Limits, Outbox, Station};
+use crate::cluster::parcel;
 use crate::cluster::share::{self, Share};
-use crate::cluster::{parcel, wire};
 use crate::error::{Error, Result};
 use crate::output::stats::{self, PartStats, RankStats};
 use crate::render::Renderer;
@@ -19,6 +19,7 @@ use crate::render::relay::{Exit, Holding, Relay, Traveller};
 use crate::render::tile::{Tile, Tiling};
 use crate::scene::Scene;
 use crate::settings::{Deal, Split};
+use crate::wire;
 
 /// Edge of the tiles, in pixels, whose camera rays are made at once.
 const TILE: u32 = 32;
@@ -41,30 +42,46 @@ pub(super) fn scatter(crew: &Crew, work: &mut Work) -> Result<()> {
         Limits::new::<Traveller>(work.run.ray_memory, ranks, crew.pool.current_num_threads());
     share::agreed(comm, limits.map(|_| ()).ok_or_else(|| too_little_ray_memory(crew)))?;
 
-    // Rank 0 has everything: it cuts, sends, and keeps its own part. The others wait for theirs.
-    let mut voxels = Vec::new();
-    let own = if comm.rank() == 0 {
-        let whole = std::mem::take(&mut work.scene);
-        let (route, parts) = crew.wide.install(|| cut(&whole, work, ranks));
-        if let Route::Voxels(of_blocks) = &route {
-            voxels = wire::encode(of_blocks)?;
+    // Rank 0 has all, if only as a file that it has mapped: it tells whose is what.
+    let mut whole = std::mem::take(&mut work.scene);
+    let in_file = super::share::share_file(&mut whole, share)?;
+    let mut route = Vec::new();
+    if comm.rank() == 0 {
+        route = wire::encode(&crew.wide.install(|| survey(&whole, work, ranks)))?;
+    }
+    comm.broadcast(&mut route);
+    let route: Route = wire::decode(&route)?;
+
+    // From a file each rank copies its own part. Else rank 0 sends it.
+    let part = |rank: usize| match &route {
+        Route::Voxels(voxels) => voxels.part(&whole.surfaces, rank),
+        Route::All => by_number(&whole.surfaces, ranks, rank),
+    };
+    let (mut scene, ids) = if in_file || comm.rank() == 0 {
+        if !in_file {
+            for rank in 1..ranks {
+                let packed = crew.wide.install(|| {
+                    let ids = part(rank);
+                    super::pack::pack(&whole.subset(&ids), &ids)
+                });
+                parcel::send(comm, rank, &packed?);
+            }
         }
-        comm.broadcast(&mut voxels);
-        for (rank, ids) in parts.iter().enumerate().skip(1) {
-            let part = crew.wide.install(|| whole.subset(ids));
-            parcel::send(comm, rank, &super::pack::pack(&part, ids)?);
-        }
-        let ids = parts.into_iter().next().unwrap_or_default();
-        let scene = crew.wide.install(|| whole.subset(&ids));
-        (scene, ids)
+        let pool = if in_file { crew.pool } else { crew.wide };
+        let rank = comm.rank();
+        pool.install(|| {
+            let ids = part(rank);
+            (whole.subset(&ids), ids)
+        })
     } else {
-        comm.broadcast(&mut voxels);
         super::pack::unpack(&parcel::receive(comm, 0))?
     };
-    let route = if voxels.is_empty() { Route::All } else { Route::Voxels(wire::decode(&voxels)?) };
+    // Rank 0 may have fitted the camera to the image.
+    share.value(&mut whole.header)?;
+    scene.header.camera = whole.header.camera.clone();
+    drop(whole);
     // Rays must not come to a rank that still waits for its part.
     comm.barrier();
-    let (scene, ids) = own;
     work.accel = crew.pool.install(|| Accel::build(work.run.accel, work.run.build, &scene.surfaces));
     work.scene = scene;
     work.division = Some(Division { ids, route });
@@ -80,16 +97,13 @@ fn too_little_ray_memory(crew: &Crew) -> Error {
     )
 }
 
-/// How rays will find their way, and the primitives of each rank.
-fn cut(whole: &Scene, work: &Work, ranks: usize) -> (Route, Vec<Vec<u32>>) {
+/// How rays will find their way.
+fn survey(whole: &Scene, work: &Work, ranks: usize) -> Route {
     if work.run.split == Split::Triangles {
-        return (Route::All, by_number(&whole.surfaces, ranks));
+        return Route::All;
     }
-    let survey = Survey::new(&whole.surfaces, ranks);
     let looks = cost::looks(&Renderer::new(whole, &Accel::Brute, &work.image), work.image.crop);
-    let voxels = survey.divide(ranks, &looks);
-    let parts = voxels.parts(&whole.surfaces, ranks);
-    (Route::Voxels(voxels), parts)
+    Route::Voxels(Survey::new(&whole.surfaces, ranks).divide(ranks, &looks))
 }
 
 /// Collective: renders by rays that travel between the parts; rank 0 gets the film.

@@ -300,7 +300,7 @@ fn read_mesh(path: &Path) -> Result<Surfaces> {
     if triangles.iter().flatten().any(|&corner| corner as usize >= vertices) {
         return Err(wrong("a triangle names a vertex that isn't there"));
     }
-    Ok(Surfaces { positions, triangles, ..Surfaces::default() })
+    Ok(Surfaces { positions: positions.into(), triangles: triangles.into(), ..Surfaces::default() })
 }
 
 #[cfg(test)]

@@ -148,7 +148,7 @@ impl<'a> Bench<'a> {
         check_frame(&name, &scene, body)?;
         let surfaces = &scene.surfaces;
         let triangles = (0..surfaces.triangles.len() as u32).map(|id| surfaces.triangle(id)).collect();
-        let stored = Body { positions: surfaces.positions.clone(), triangles: body.triangles.clone() };
+        let stored = Body { positions: surfaces.positions.to_vec(), triangles: body.triangles.clone() };
         // Triangles that have lost their area are no surface: where they lie their neighbours have edges of their own.
         let solid = stored.triangles.iter().filter(|t| has_area(&t.map(|v| stored.positions[v as usize])));
         let border = Body { triangles: solid.copied().collect(), ..stored.clone() }.border();

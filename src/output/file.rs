@@ -52,6 +52,14 @@ pub fn check_writable(path: &Path) -> Result<()> {
     Temporary::create_in(&folder).map(drop).map_err(|source| Error::write(path, source))
 }
 
+/// The folder that [`write_whole`] fills the file in.
+///
+/// # Errors
+/// A link that leads nowhere.
+pub fn folder(path: &Path) -> Result<PathBuf> {
+    behind_links(path).map(|path| folder_of(&path)).map_err(|source| Error::write(path, source))
+}
+
 fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
     let path = behind_links(path)?;
     if path.file_name().is_none() || path.is_dir() {

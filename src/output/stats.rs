@@ -197,6 +197,7 @@ mod tests {
             },
             tiles: 5 + u64::from(rank),
             bytes_sent: 100,
+            part: None,
         }
     }
 

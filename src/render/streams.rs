@@ -19,6 +19,10 @@ impl<T> Streams<T> {
         self.waiting[usize::from(stream)].push(record);
     }
 
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     pub fn len(&self) -> usize {
         self.waiting.iter().map(Vec::len).sum()
     }

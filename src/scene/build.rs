@@ -1,19 +1,47 @@
 //! Puts a scene together: placed meshes and spheres in world space in, a [`Scene`] in stored space out.
 
+use std::borrow::Borrow;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::mesh::{Mesh, NONE, Part, Shading, Sphere};
+use super::mesh::{Mesh, MeshMut, MeshSize, NONE, Part, Shading, Sphere};
 use super::normals;
 use super::{Camera, Frame, Material, Scene, SceneHeader, Surfaces, Texture, light::LightShape};
 use crate::error::{Error, Result};
+use crate::memory::Store;
 
 /// A sphere before it is placed: centre and radius in the object's own space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ball {
     pub center: DVec3,
     pub radius: f64,
+}
+
+/// Where the surfaces of a scene are kept.
+#[derive(Clone, Copy, Debug)]
+pub enum Space<'a> {
+    Memory,
+    /// On the disk of this folder, in files without a name.
+    Disk(&'a Path),
+}
+
+impl Space<'_> {
+    fn surfaces(self) -> io::Result<Surfaces> {
+        match self {
+            Space::Memory => Ok(Surfaces::default()),
+            Space::Disk(folder) => Ok(Surfaces {
+                positions: Store::spilling(folder)?,
+                triangles: Store::spilling(folder)?,
+                spheres: Store::spilling(folder)?,
+                normals: Store::spilling(folder)?,
+                uvs: Store::spilling(folder)?,
+                colors: Store::spilling(folder)?,
+                guests: Vec::new(),
+            }),
+        }
+    }
 }
 
 /// Collects the parts of a scene. Primitive ids follow the order of the calls: triangles, then spheres.
@@ -28,11 +56,27 @@ pub struct SceneBuilder {
 }
 
 impl SceneBuilder {
-    /// `file` is named in errors.
+    /// A scene in memory; `file` is named in errors.
     pub fn new(file: &Path) -> Self {
+        SceneBuilder::with(file, Surfaces::default())
+    }
+
+    /// A scene that is kept in `space`; `file` is named in errors.
+    ///
+    /// # Errors
+    /// A folder that can't be written to.
+    pub fn new_in(file: &Path, space: Space) -> Result<Self> {
+        let surfaces = space.surfaces().map_err(|source| match space {
+            Space::Disk(folder) => Error::write(folder, source),
+            Space::Memory => kept(file, source),
+        })?;
+        Ok(SceneBuilder::with(file, surfaces))
+    }
+
+    fn with(file: &Path, surfaces: Surfaces) -> Self {
         SceneBuilder {
             file: file.to_owned(),
-            surfaces: Surfaces::default(),
+            surfaces,
             triangle_parts: Vec::new(),
             sphere_parts: Vec::new(),
             materials: Vec::new(),
@@ -61,7 +105,8 @@ impl SceneBuilder {
     /// outside.
     ///
     /// # Errors
-    /// An index out of range, a coordinate that isn't finite in f32 after the transform, or more than 2^31 primitives or vertices.
+    /// An index out of range, a coordinate that isn't finite in f32 after the transform, more than 2^31 primitives or vertices, or no
+    /// space for them.
     pub fn mesh(
         &mut self,
         mut mesh: Mesh,
@@ -78,53 +123,103 @@ impl SceneBuilder {
         } else if mesh.normals.is_empty() {
             mesh.normals = normals::smooth(&mesh.positions, &mesh.triangles);
         }
+        let start = self.start();
         let surfaces = &mut self.surfaces;
-        let vertices = surfaces.positions.len() as u32;
-        let start_of = |stored: usize, added: usize| if added == 0 { NONE } else { stored as u32 };
+        surfaces
+            .triangles
+            .append(mesh.triangles)
+            .and_then(|()| surfaces.positions.append(mesh.positions))
+            .and_then(|()| surfaces.normals.append(mesh.normals))
+            .and_then(|()| surfaces.uvs.append(mesh.uvs))
+            .and_then(|()| surfaces.colors.append(mesh.colors))
+            .map_err(|source| kept(&self.file, source))?;
+        self.place(start, transform, material, shading)
+    }
+
+    /// Places a mesh that `fill` makes where it is kept. Everything else is as for [`mesh`](SceneBuilder::mesh).
+    ///
+    /// # Errors
+    /// As for [`mesh`](SceneBuilder::mesh).
+    pub fn mesh_in_place(
+        &mut self,
+        size: MeshSize,
+        fill: impl FnOnce(MeshMut),
+        transform: &DAffine3,
+        material: u32,
+        shading: Shading,
+    ) -> Result<()> {
+        self.check_size(size)?;
+        let start = self.start();
+        let normals = if shading == Shading::Flat { 0 } else { size.vertices };
+        fill(grow(&mut self.surfaces, size, normals).map_err(|source| kept(&self.file, source))?);
+        self.place(start, transform, material, shading)
+    }
+
+    /// Where the next mesh begins in each array.
+    fn start(&self) -> Start {
+        let surfaces = &self.surfaces;
+        Start {
+            positions: surfaces.positions.len(),
+            triangles: surfaces.triangles.len(),
+            normals: surfaces.normals.len(),
+            uvs: surfaces.uvs.len(),
+            colors: surfaces.colors.len(),
+        }
+    }
+
+    /// Makes a part of what the arrays hold from `start` on, still in the object's own space.
+    fn place(&mut self, start: Start, transform: &DAffine3, material: u32, shading: Shading) -> Result<()> {
+        let surfaces = &mut self.surfaces;
+        let vertices = start.positions as u32;
+        let start_of = |start: usize, end: usize| if start == end { NONE } else { start as u32 };
         self.triangle_parts.push(Part {
-            first: surfaces.triangles.len() as u32,
+            first: start.triangles as u32,
             material,
             shading,
             vertices,
-            normals: start_of(surfaces.normals.len(), mesh.normals.len()),
-            uvs: start_of(surfaces.uvs.len(), mesh.uvs.len()),
-            colors: start_of(surfaces.colors.len(), mesh.colors.len()),
+            normals: start_of(start.normals, surfaces.normals.len()),
+            uvs: start_of(start.uvs, surfaces.uvs.len()),
+            colors: start_of(start.colors, surfaces.colors.len()),
         });
-        let identity = *transform == DAffine3::IDENTITY;
-        if !identity {
-            for point in &mut mesh.positions {
+        let positions = &mut surfaces.positions[start.positions..];
+        if *transform != DAffine3::IDENTITY {
+            for point in &mut *positions {
                 *point = place(transform, *point);
             }
             let normal_transform = normal_transform(&transform.matrix3);
-            for normal in &mut mesh.normals {
+            for normal in &mut surfaces.normals[start.normals..] {
                 let moved = normal_transform * DVec3::from(normal.map(f64::from));
                 *normal = moved.normalize_or_zero().to_array().map(|c| c as f32);
             }
         }
-        if let Some(bad) = mesh.positions.iter().find(|point| point.iter().any(|c| !c.is_finite())) {
-            return Err(self.error(
-                format!("a vertex lies at {bad:?}, which f32 can't hold"),
-                "make the object's scale and translation smaller",
-            ));
+        if let Some(bad) = positions.iter().find(|point| point.iter().any(|c| !c.is_finite())) {
+            let what = format!("a vertex lies at {bad:?}, which f32 can't hold");
+            return Err(self.error(what, "make the object's scale and translation smaller"));
         }
         let mirrored = transform.matrix3.determinant() < 0.0;
-        surfaces.triangles.extend(mesh.triangles.iter().map(|&[a, b, c]| {
+        for triangle in &mut surfaces.triangles[start.triangles..] {
+            let [a, b, c] = *triangle;
             let [b, c] = if mirrored { [c, b] } else { [b, c] };
-            [a + vertices, b + vertices, c + vertices]
-        }));
-        append(&mut surfaces.positions, mesh.positions);
-        append(&mut surfaces.normals, mesh.normals);
-        append(&mut surfaces.uvs, mesh.uvs);
-        append(&mut surfaces.colors, mesh.colors);
+            *triangle = [a + vertices, b + vertices, c + vertices];
+        }
         Ok(())
     }
 
     /// Places spheres under a transform that keeps them spheres.
     ///
     /// # Errors
-    /// A transform that isn't a similarity, a centre or radius that isn't finite in f32, or a radius that isn't positive.
-    pub fn spheres(&mut self, balls: &[Ball], transform: &DAffine3, material: u32) -> Result<()> {
-        if balls.is_empty() {
+    /// A transform that isn't a similarity, a centre or radius that isn't finite in f32, a radius that isn't positive, more than
+    /// 2^31 primitives, or no space for them.
+    pub fn spheres(
+        &mut self,
+        balls: impl IntoIterator<Item = impl Borrow<Ball>>,
+        transform: &DAffine3,
+        material: u32,
+    ) -> Result<()> {
+        /// Placed at once.
+        const BATCH: usize = 4096;
+        let mut balls = balls.into_iter().peekable();
+        if balls.peek().is_none() {
             return Ok(());
         }
         let scale = self.uniform_scale(&transform.matrix3)?;
@@ -137,18 +232,26 @@ impl SceneBuilder {
             uvs: NONE,
             colors: NONE,
         });
-        for ball in balls {
-            let center = transform.transform_point3(ball.center).to_array().map(|c| c as f32);
-            let radius = (ball.radius * scale) as f32;
-            if !(center.iter().all(|c| c.is_finite()) && radius.is_finite() && radius > 0.0) {
-                return Err(self.error(
-                    format!("a sphere has centre {center:?} and radius {radius}"),
-                    "give finite numbers and a radius above 0",
-                ));
+        let mut batch = Vec::with_capacity(BATCH);
+        while balls.peek().is_some() {
+            batch.clear();
+            for ball in balls.by_ref().take(BATCH) {
+                let Ball { center, radius } = *ball.borrow();
+                let center = transform.transform_point3(center).to_array().map(|c| c as f32);
+                let radius = (radius * scale) as f32;
+                if !(center.iter().all(|c| c.is_finite()) && radius.is_finite() && radius > 0.0) {
+                    return Err(self.error(
+                        format!("a sphere has centre {center:?} and radius {radius}"),
+                        "give finite numbers and a radius above 0",
+                    ));
+                }
+                batch.push(Sphere { center, radius });
             }
-            self.surfaces.spheres.push(Sphere { center, radius });
+            let room = self.surfaces.spheres.grow(batch.len()).map_err(|source| kept(&self.file, source))?;
+            room.copy_from_slice(&batch);
+            self.check_size(MeshSize { vertices: 0, triangles: 0 })?;
         }
-        self.check_count()
+        Ok(())
     }
 
     /// World-space bounds of what has been placed so far, or `None` if that is nothing.
@@ -176,7 +279,7 @@ impl SceneBuilder {
                 LightShape::Directional { .. } => {}
             }
         }
-        Scene { surfaces: self.surfaces, textures: self.textures, header }
+        Scene { surfaces: self.surfaces, textures: self.textures, header, file: None }
     }
 
     fn check_mesh(&self, mesh: &Mesh) -> Result<()> {
@@ -190,21 +293,21 @@ impl SceneBuilder {
                 "write the mesh file anew",
             ));
         }
+        self.check_size(MeshSize { vertices, triangles: mesh.triangles.len() })
+    }
+
+    /// Whether so much more can be numbered.
+    fn check_size(&self, added: MeshSize) -> Result<()> {
         let limit = i32::MAX as usize;
-        if self.surfaces.positions.len() + vertices > limit
-            || self.surfaces.len() + mesh.triangles.len() > limit
+        if self.surfaces.positions.len() + added.vertices > limit
+            || self.surfaces.len() + added.triangles > limit
         {
-            return Err(self.too_many());
+            return Err(self.error(
+                "more than 2^31 primitives or vertices".into(),
+                "use a coarser mesh or fewer levels",
+            ));
         }
         Ok(())
-    }
-
-    fn check_count(&self) -> Result<()> {
-        if self.surfaces.len() > i32::MAX as usize { Err(self.too_many()) } else { Ok(()) }
-    }
-
-    fn too_many(&self) -> Error {
-        self.error("more than 2^31 primitives or vertices".into(), "use a coarser mesh or fewer levels")
     }
 
     fn uniform_scale(&self, matrix: &DMat3) -> Result<f64> {
@@ -225,6 +328,35 @@ impl SceneBuilder {
     }
 }
 
+/// Where a mesh begins in each array.
+struct Start {
+    positions: usize,
+    triangles: usize,
+    normals: usize,
+    uvs: usize,
+    colors: usize,
+}
+
+/// Room for a mesh with so many normals behind what is there.
+fn grow(surfaces: &mut Surfaces, size: MeshSize, normals: usize) -> io::Result<MeshMut<'_>> {
+    Ok(MeshMut {
+        positions: surfaces.positions.grow(size.vertices)?,
+        triangles: surfaces.triangles.grow(size.triangles)?,
+        normals: surfaces.normals.grow(normals)?,
+        uvs: surfaces.uvs.grow(size.vertices)?,
+    })
+}
+
+/// That the surfaces of a scene have no space.
+fn kept(file: &Path, source: io::Error) -> Error {
+    Error::scene(
+        file,
+        None,
+        format!("its surfaces can't be kept: {source}"),
+        "use coarser meshes or fewer levels, or free memory or disk",
+    )
+}
+
 fn place(transform: &DAffine3, point: [f32; 3]) -> [f32; 3] {
     transform.transform_point3(DVec3::from(point.map(f64::from))).to_array().map(|c| c as f32)
 }
@@ -242,9 +374,4 @@ fn store_camera(camera: &mut Camera, frame: &Frame) {
         camera.right *= frame.scale;
         camera.up *= frame.scale;
     }
-}
-
-/// Appends without copying where the target is still empty.
-fn append<T>(target: &mut Vec<T>, mut source: Vec<T>) {
-    if target.is_empty() { *target = source } else { target.append(&mut source) }
 }

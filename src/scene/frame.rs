@@ -44,7 +44,7 @@ impl Frame {
             }
         };
         surfaces.positions.iter_mut().for_each(store);
-        for sphere in &mut surfaces.spheres {
+        for sphere in surfaces.spheres.iter_mut() {
             store(&mut sphere.center);
             sphere.radius = (f64::from(sphere.radius) * frame.scale) as f32;
         }
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     fn surfaces(points: &[[f32; 3]]) -> Surfaces {
-        Surfaces { positions: points.to_vec(), ..Surfaces::default() }
+        Surfaces { positions: points.to_vec().into(), ..Surfaces::default() }
     }
 
     #[test]

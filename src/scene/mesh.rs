@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::position;
 use crate::geometry::record::{Answer, RayRecord};
+use crate::memory::Store;
 
 /// "No such index" in a 32-bit index.
 pub const NONE: u32 = u32::MAX;
@@ -58,19 +59,19 @@ pub enum Shape {
 /// Ids from here on are those of guests, see [`Surfaces::guests`].
 pub const FIRST_GUEST: u32 = 1 << 31;
 
-/// All primitives of a scene in stored space.
+/// All primitives of a scene in stored space, in memory or in the file that they were converted to.
 #[derive(Clone, Debug, Default)]
 pub struct Surfaces {
-    pub positions: Vec<[f32; 3]>,
+    pub positions: Store<[f32; 3]>,
     /// Three indices into `positions` for each triangle.
-    pub triangles: Vec<[u32; 3]>,
-    pub spheres: Vec<Sphere>,
+    pub triangles: Store<[u32; 3]>,
+    pub spheres: Store<Sphere>,
     /// Unit vertex normals of the parts that have them.
-    pub normals: Vec<[f32; 3]>,
+    pub normals: Store<[f32; 3]>,
     /// Texture coordinates; v grows upwards.
-    pub uvs: Vec<[f32; 2]>,
+    pub uvs: Store<[f32; 2]>,
     /// Linear RGB vertex colours, which multiply kd.
-    pub colors: Vec<[f32; 3]>,
+    pub colors: Store<[f32; 3]>,
     /// Primitives that rays may start on though they lie in another part of the scene. They are never met; the first has the id [`FIRST_GUEST`].
     pub guests: Vec<Option<Shape>>,
 }
@@ -170,4 +171,20 @@ pub struct Mesh {
     pub normals: Vec<[f32; 3]>,
     pub uvs: Vec<[f32; 2]>,
     pub colors: Vec<[f32; 3]>,
+}
+
+/// What a mesh consists of, before it is made.
+#[derive(Clone, Copy, Debug)]
+pub struct MeshSize {
+    pub vertices: usize,
+    pub triangles: usize,
+}
+
+/// Room for a mesh where it is kept: as [`Mesh`], but without colours, and `normals` is empty where none are wanted.
+#[derive(Debug)]
+pub struct MeshMut<'a> {
+    pub positions: &'a mut [[f32; 3]],
+    pub triangles: &'a mut [[u32; 3]],
+    pub normals: &'a mut [[f32; 3]],
+    pub uvs: &'a mut [[f32; 2]],
 }

@@ -5,8 +5,10 @@
 
 pub mod build;
 pub mod camera;
+mod files;
 pub mod frame;
 pub mod generate;
+pub mod helio;
 pub mod light;
 pub mod load;
 pub mod material;
@@ -15,10 +17,13 @@ pub mod normals;
 pub mod subset;
 pub mod texture;
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 pub use camera::Camera;
 pub use frame::Frame;
+pub use helio::HelioFile;
 pub use light::Light;
 pub use material::Material;
 pub use mesh::{Part, Shading, Surfaces};
@@ -33,6 +38,8 @@ pub struct Scene {
     pub surfaces: Surfaces,
     pub textures: Vec<Texture>,
     pub header: SceneHeader,
+    /// The file whose parts the arrays are, if they weren't read but mapped.
+    pub file: Option<Arc<HelioFile>>,
 }
 
 /// The small part of a scene: everything that isn't a large array.

@@ -5,7 +5,7 @@
 
 use rayon::prelude::*;
 
-use super::mesh::{NONE, Part};
+use super::mesh::{NONE, Part, Sphere, Surfaces};
 use super::{Scene, Texture};
 
 impl Scene {
@@ -13,6 +13,7 @@ impl Scene {
     pub fn subset(&self, ids: &[u32]) -> Scene {
         let mut part = Scene { header: self.header.clone(), ..Scene::default() };
         part.header.parts.clear();
+        let mut arrays = Arrays::default();
         let triangles = self.surfaces.triangles.len() as u32;
         for (number, whole) in self.header.parts.iter().enumerate() {
             let end = self.header.parts.get(number + 1).map_or(NONE, |next| next.first);
@@ -21,16 +22,17 @@ impl Scene {
             if own.is_empty() {
                 continue;
             }
-            let first = part.surfaces.len() as u32;
+            let first = (arrays.triangles.len() + arrays.spheres.len()) as u32;
             let moved = if whole.first < triangles {
-                self.append_triangles(whole, own, &mut part)
+                self.append_triangles(whole, own, &mut arrays)
             } else {
                 let spheres = &self.surfaces.spheres;
-                part.surfaces.spheres.extend(own.iter().map(|&id| spheres[(id - triangles) as usize]));
+                arrays.spheres.extend(own.iter().map(|&id| spheres[(id - triangles) as usize]));
                 *whole
             };
             part.header.parts.push(Part { first, ..moved });
         }
+        part.surfaces = arrays.into();
         part.textures = vec![Texture::default(); self.textures.len()];
         for Part { material, .. } in &part.header.parts {
             if let Some(texture) = self.header.materials[*material as usize].texture {
@@ -41,8 +43,8 @@ impl Scene {
     }
 
     /// Appends triangles of one part, and the vertices that they use in the order of the whole.
-    fn append_triangles(&self, whole: &Part, ids: &[u32], part: &mut Scene) -> Part {
-        let (from, to) = (&self.surfaces, &mut part.surfaces);
+    fn append_triangles(&self, whole: &Part, ids: &[u32], to: &mut Arrays) -> Part {
+        let from = &self.surfaces;
         let corners = |id: u32| from.triangles[id as usize].map(|index| index - whole.vertices);
         let used = Numbering::new(ids.par_iter().flat_map_iter(|&id| corners(id)));
         let vertices = to.positions.len() as u32;
@@ -65,6 +67,32 @@ impl Scene {
             to.uvs.extend(used.members().map(|old| from.uvs[(whole.uvs + old) as usize]));
         }
         moved
+    }
+}
+
+/// The arrays of [`Surfaces`] while they grow.
+#[derive(Default)]
+struct Arrays {
+    positions: Vec<[f32; 3]>,
+    triangles: Vec<[u32; 3]>,
+    spheres: Vec<Sphere>,
+    normals: Vec<[f32; 3]>,
+    uvs: Vec<[f32; 2]>,
+    colors: Vec<[f32; 3]>,
+}
+
+impl From<Arrays> for Surfaces {
+    fn from(arrays: Arrays) -> Self {
+        let Arrays { positions, triangles, spheres, normals, uvs, colors } = arrays;
+        Surfaces {
+            positions: positions.into(),
+            triangles: triangles.into(),
+            spheres: spheres.into(),
+            normals: normals.into(),
+            uvs: uvs.into(),
+            colors: colors.into(),
+            guests: Vec::new(),
+        }
     }
 }
 

@@ -2,13 +2,15 @@
 
 use std::sync::OnceLock;
 
+use crate::memory::Store;
+
 /// An image that repeats over the plane of texture coordinates.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Texture {
     pub width: u32,
     pub height: u32,
     /// sRGB-encoded RGB, row 0 on top: `texels[y * width + x]`.
-    pub texels: Vec<[u8; 3]>,
+    pub texels: Store<[u8; 3]>,
 }
 
 impl Texture {
@@ -50,7 +52,7 @@ mod tests {
 
     #[test]
     fn bilinear_and_repeating() {
-        let texture = Texture { width: 2, height: 1, texels: vec![[0, 0, 0], [255, 255, 255]] };
+        let texture = Texture { width: 2, height: 1, texels: vec![[0, 0, 0], [255, 255, 255]].into() };
         assert_eq!(texture.sample(0.25, 0.5), [0.0; 3]);
         assert_eq!(texture.sample(0.75, 0.5), [1.0; 3]);
         assert_eq!(texture.sample(0.5, 0.5), [0.5; 3]);
@@ -60,7 +62,7 @@ mod tests {
 
     #[test]
     fn v_grows_upwards() {
-        let texture = Texture { width: 1, height: 2, texels: vec![[255; 3], [0; 3]] };
+        let texture = Texture { width: 1, height: 2, texels: vec![[255; 3], [0; 3]].into() };
         assert_eq!(texture.sample(0.5, 0.75), [1.0; 3]);
         assert_eq!(texture.sample(0.5, 0.25), [0.0; 3]);
     }

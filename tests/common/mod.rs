@@ -7,9 +7,12 @@ use heliostat::accel::Accel;
 use heliostat::cluster::{Comm, Solo};
 use heliostat::image::Image;
 use heliostat::job::{self, Crew, Work};
+use heliostat::output::file::write_whole;
 use heliostat::output::progress::ProgressKind;
 use heliostat::output::stats::RankStats;
 use heliostat::output::timeline::Timeline;
+use heliostat::scene::build::Space;
+use heliostat::scene::helio::HelioWriter;
 use heliostat::scene::load;
 use heliostat::settings::{AccelKind, BuildPreset, Crop, ImageSettings, RunSettings};
 
@@ -77,6 +80,19 @@ pub fn small_work(scene: &Path, accel: AccelKind) -> Work {
     let accel_built = Accel::build(accel, BuildPreset::Balanced, &loaded.scene.surfaces);
     let run = RunSettings { accel, ..RunSettings::default() };
     Work { scene: loaded.scene, accel: accel_built, image, run, division: None }
+}
+
+/// Converts a scene into a file in `folder`.
+pub fn converted(scene: &Path, folder: &Path) -> PathBuf {
+    let path = folder.join(name(scene)).with_extension("helio");
+    let loaded = load::load_in(scene, Space::Disk(folder)).expect("the repository's scenes are good");
+    let written = write_whole(&path, |out| {
+        let mut writer = HelioWriter::new(out)?;
+        load::helio::write(&mut writer, &loaded)?;
+        writer.finish()
+    });
+    written.expect("a folder that can be written to");
+    path
 }
 
 /// A fingerprint of every bit of an image.

@@ -159,7 +159,7 @@ fn textures_multiply_kd_and_ka_and_vertex_colors_kd_alone() {
         let mut expected = material.clone();
         let mut material = material.clone();
         if textured {
-            let texture = Texture { width: 1, height: 1, texels: vec![[200, 120, 60]] };
+            let texture = Texture { width: 1, height: 1, texels: vec![[200, 120, 60]].into() };
             material.texture = Some(tiny.builder.texture(texture));
             mesh.uvs = vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
             expected.kd = product(expected.kd, texel);

@@ -81,13 +81,13 @@ impl Tiny {
     pub fn sphere(&mut self, center: DVec3, radius: f64, material: &Material) {
         let material = self.builder.material(material.clone());
         let ball = [Ball { center, radius }];
-        self.builder.spheres(&ball, &DAffine3::IDENTITY, material).expect("a sound sphere");
+        self.builder.spheres(ball, &DAffine3::IDENTITY, material).expect("a sound sphere");
     }
 
     /// A horizontal square from -8 to 8 that shows where it is hit: its colour there is (x / 16 + 1/2, z / 16 + 1/2, 1).
     pub fn map(&mut self, y: f64) {
         let texels = vec![[0, 255, 255], [255, 255, 255], [0, 0, 255], [255, 0, 255]];
-        let texture = self.builder.texture(Texture { width: 2, height: 2, texels });
+        let texture = self.builder.texture(Texture { width: 2, height: 2, texels: texels.into() });
         let mut mesh = quad(square(y, 8.0));
         // Between the centres of the texels, where bilinear interpolation is linear in (u, v).
         let axis = |c: f32| c / 32.0 + 0.5;

@@ -15,9 +15,9 @@ fn soup() -> impl Strategy<Value = Surfaces> {
         .prop_map(|(center, radius)| Sphere { center, radius });
     (prop::collection::vec(prop::array::uniform3(point()), 0..60), prop::collection::vec(sphere, 0..10))
         .prop_map(|(triangles, spheres)| Surfaces {
-            positions: triangles.concat(),
+            positions: triangles.concat().into(),
             triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-            spheres,
+            spheres: spheres.into(),
             ..Surfaces::default()
         })
 }
@@ -152,7 +152,11 @@ proptest! {
 #[test]
 fn any_number_of_threads_builds_the_same_tree() {
     let mesh = icosphere(5, DVec3::ZERO, 1.0);
-    let surfaces = Surfaces { positions: mesh.positions, triangles: mesh.triangles, ..Surfaces::default() };
+    let surfaces = Surfaces {
+        positions: mesh.positions.into(),
+        triangles: mesh.triangles.into(),
+        ..Surfaces::default()
+    };
     for preset in [BuildPreset::Fast, BuildPreset::Balanced, BuildPreset::Best] {
         let built = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -167,7 +171,11 @@ fn any_number_of_threads_builds_the_same_tree() {
 #[test]
 fn every_primitive_lies_in_one_block_and_in_all_boxes_above() {
     let mesh = icosphere(4, DVec3::new(3.0, -1.0, 0.5), 2.0);
-    let surfaces = Surfaces { positions: mesh.positions, triangles: mesh.triangles, ..Surfaces::default() };
+    let surfaces = Surfaces {
+        positions: mesh.positions.into(),
+        triangles: mesh.triangles.into(),
+        ..Surfaces::default()
+    };
     let wide = Wide::build(&surfaces, BuildPreset::Balanced);
     let (mut seen, mut waiting) =
         (vec![0; surfaces.len()], vec![(0u32, [f32::NEG_INFINITY; 3], [f32::INFINITY; 3])]);
@@ -200,7 +208,11 @@ fn every_primitive_lies_in_one_block_and_in_all_boxes_above() {
 #[test]
 fn nothing_is_hit_where_nothing_is() {
     let empty = Surfaces::default();
-    let flat = Surfaces { positions: vec![[0.0; 3]; 3], triangles: vec![[0, 1, 2]], ..Surfaces::default() };
+    let flat = Surfaces {
+        positions: vec![[0.0; 3]; 3].into(),
+        triangles: vec![[0, 1, 2]].into(),
+        ..Surfaces::default()
+    };
     let ray = Ray {
         origin: DVec3::ZERO,
         direction: DVec3::X,

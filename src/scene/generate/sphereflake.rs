@@ -16,35 +16,34 @@ pub fn count(depth: u32) -> u64 {
     (0..=depth).fold(0, |sum, _| sum * 9 + 1)
 }
 
-/// The flake around the origin, its axis along y, each sphere before its children. `depth <= MAX_DEPTH`; `radius`
-/// is the first sphere's, 0.5 in the database.
-pub fn sphereflake(depth: u32, radius: f64) -> Vec<Ball> {
-    let mut balls = Vec::with_capacity(count(depth) as usize);
-    grow(&mut balls, &directions(), DVec3::ZERO, radius, DVec3::Z, depth);
-    // The database is z-up.
-    for ball in &mut balls {
-        ball.center = DVec3::new(ball.center.x, ball.center.z, -ball.center.y + 0.0);
-    }
-    balls
+/// The flake around the origin, its axis along y, each sphere before its children, one after the other so that a large one need
+/// never be there whole. `depth <= MAX_DEPTH`; `radius` is the first sphere's, 0.5 in the database.
+pub fn sphereflake(depth: u32, radius: f64) -> impl Iterator<Item = Ball> {
+    let children = directions();
+    let mut waiting = vec![Bud { center: DVec3::ZERO, radius, direction: DVec3::Z, depth }];
+    std::iter::from_fn(move || {
+        let Bud { center, radius, direction, depth } = waiting.pop()?;
+        if depth > 0 {
+            // The last to be pushed is the next.
+            waiting.extend(children.iter().rev().map(|&child| {
+                let direction = turn(child, direction);
+                let center = center + direction * (radius + radius / 3.0);
+                Bud { center, radius: radius / 3.0, direction, depth: depth - 1 }
+            }));
+        }
+        // The database is z-up.
+        Some(Ball { center: DVec3::new(center.x, center.z, -center.y + 0.0), radius })
+    })
 }
 
-fn grow(
-    balls: &mut Vec<Ball>,
-    children: &[DVec3; 9],
+/// A sphere whose children haven't grown yet.
+struct Bud {
     center: DVec3,
     radius: f64,
+    /// Away from its parent.
     direction: DVec3,
+    /// Generations to come.
     depth: u32,
-) {
-    balls.push(Ball { center, radius });
-    if depth == 0 {
-        return;
-    }
-    for &child in children {
-        let child = turn(child, direction);
-        let center = center + child * (radius + radius / 3.0);
-        grow(balls, children, center, radius / 3.0, child, depth - 1);
-    }
 }
 
 /// Where the nine children of a sphere that grows along +z touch it, in the order of the database.
@@ -88,7 +87,7 @@ mod tests {
         assert_eq!([0, 1, 2, 3, 4, 5].map(count), [1, 10, 91, 820, 7381, 66430]);
         assert!(count(MAX_DEPTH) < 1 << 31 && count(MAX_DEPTH + 1) > 1 << 31);
         for depth in 0..5 {
-            assert_eq!(sphereflake(depth, 0.5).len() as u64, count(depth));
+            assert_eq!(sphereflake(depth, 0.5).count() as u64, count(depth));
         }
     }
 
@@ -103,7 +102,7 @@ mod tests {
             [0.481689, 0.57904, -0.481689, 0.00617284],
             [0.475329, 0.577669, -0.45787, 0.00617284],
         ];
-        for (ball, expected) in sphereflake(4, 0.5).iter().zip(expected) {
+        for (ball, expected) in sphereflake(4, 0.5).zip(expected) {
             let [x, y, z] = ball.center.to_array();
             for (ours, theirs) in [x, y, z, ball.radius].into_iter().zip(expected) {
                 assert!((ours - theirs).abs() < 1e-6, "{ball:?} is not {expected:?}");
@@ -113,7 +112,7 @@ mod tests {
 
     #[test]
     fn children_touch_their_parents() {
-        let balls = sphereflake(2, 0.5);
+        let balls: Vec<Ball> = sphereflake(2, 0.5).collect();
         for child in 0..9 {
             let ball = balls[1 + child * 10];
             assert!((ball.center.length() - 2.0 / 3.0).abs() < 1e-12);

@@ -3,7 +3,7 @@
 
 use rayon::prelude::*;
 
-use crate::scene::mesh::Mesh;
+use crate::scene::mesh::{MeshMut, MeshSize};
 
 /// 2 * MAX_CELLS^2 triangles still have 31-bit numbers.
 pub const MAX_CELLS: u32 = 32767;
@@ -99,31 +99,32 @@ impl Terrain {
         [[a, c, b], [b, c, d]]
     }
 
-    /// The whole terrain.
-    pub fn mesh(&self) -> Mesh {
+    /// What the whole terrain consists of.
+    pub fn size(&self) -> MeshSize {
         let row = self.cells as usize + 1;
-        let mut mesh = Mesh {
-            positions: vec![[0.0; 3]; row * row],
-            normals: vec![[0.0; 3]; row * row],
-            uvs: vec![[0.0; 2]; row * row],
-            ..Mesh::default()
-        };
-        let rows = mesh
-            .positions
-            .par_chunks_mut(row)
-            .zip(mesh.normals.par_chunks_mut(row))
-            .zip(mesh.uvs.par_chunks_mut(row));
-        rows.enumerate().for_each(|(j, ((positions, normals), uvs))| {
+        MeshSize { vertices: row * row, triangles: self.count() as usize }
+    }
+
+    /// Makes the whole terrain where it is kept.
+    pub fn fill(&self, mesh: MeshMut) {
+        let row = self.cells as usize + 1;
+        let mut normals: Vec<&mut [[f32; 3]]> = mesh.normals.chunks_mut(row).collect();
+        normals.resize_with(row, Default::default);
+        let rows = mesh.positions.par_chunks_mut(row).zip(mesh.uvs.par_chunks_mut(row)).zip(normals);
+        rows.enumerate().for_each(|(j, ((positions, uvs), normals))| {
             for i in 0..row {
                 let vertex = self.vertex(i as u32, j as u32);
-                (positions[i], normals[i], uvs[i]) = (vertex.position, vertex.normal, vertex.uv);
+                (positions[i], uvs[i]) = (vertex.position, vertex.uv);
+                if let Some(normal) = normals.get_mut(i) {
+                    *normal = vertex.normal;
+                }
             }
         });
-        mesh.triangles = (0..self.cells)
-            .into_par_iter()
-            .flat_map_iter(|j| (0..self.cells).flat_map(move |i| self.cell(i, j)))
-            .collect();
-        mesh
+        mesh.triangles.par_chunks_mut(2 * self.cells as usize).enumerate().for_each(|(j, row)| {
+            for (i, cell) in row.as_chunks_mut::<2>().0.iter_mut().enumerate() {
+                *cell = self.cell(i as u32, j as u32);
+            }
+        });
     }
 }
 
@@ -171,11 +172,26 @@ fn hash(x: u64) -> u64 {
 mod tests {
     use super::*;
     use crate::scene::generate::check;
+    use crate::scene::mesh::Mesh;
+
+    fn whole(terrain: &Terrain) -> Mesh {
+        let MeshSize { vertices, triangles } = terrain.size();
+        let mut mesh = Mesh {
+            positions: vec![[0.0; 3]; vertices],
+            triangles: vec![[0; 3]; triangles],
+            normals: vec![[0.0; 3]; vertices],
+            uvs: vec![[0.0; 2]; vertices],
+            ..Mesh::default()
+        };
+        let Mesh { positions, triangles, normals, uvs, .. } = &mut mesh;
+        terrain.fill(MeshMut { positions, triangles, normals, uvs });
+        mesh
+    }
 
     #[test]
     fn a_whole_sound_field() {
         let terrain = Terrain { cells: 37, seed: 5, ..Terrain::default() };
-        let mesh = terrain.mesh();
+        let mesh = whole(&terrain);
         assert_eq!(mesh.positions.len(), 38 * 38);
         assert_eq!(mesh.triangles.len() as u64, terrain.count());
         check::sound(&mesh);
@@ -189,7 +205,7 @@ mod tests {
     #[test]
     fn any_part_equals_that_part_of_the_whole() {
         let terrain = Terrain { cells: 20, ..Terrain::default() };
-        let mesh = terrain.mesh();
+        let mesh = whole(&terrain);
         let vertex = terrain.vertex(7, 13);
         assert_eq!(mesh.positions[13 * 21 + 7], vertex.position);
         assert_eq!(mesh.normals[13 * 21 + 7], vertex.normal);

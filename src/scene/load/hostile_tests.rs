@@ -28,7 +28,7 @@ fn a_scene_beyond_memory_is_refused_where_it_grows_too_large() {
     let terrain = "[[object]]\ntype = 'box'\n[[object]]\ntype = 'terrain'\ncells = 32000\n";
     assert_eq!(
         within(terrain, 16 << 30).map(|_| ()).unwrap_err().to_string(),
-        "scene.toml:3: column 1: with this object the scene needs about 106.8 GiB of memory, but 16.0 GiB are \
+        "scene.toml:3: column 1: with this object the scene needs about 53.4 GiB of memory, but 16.0 GiB are \
          available; use fewer cells or levels"
     );
     for object in

@@ -1,8 +1,8 @@
 //! Scene files in, [`Scene`] out: one file per format.
 
 mod budget;
-mod files;
 mod framing;
+pub mod helio;
 #[cfg(test)]
 mod hostile_tests;
 mod locate;
@@ -17,11 +17,13 @@ mod words;
 use std::path::Path;
 
 use glam::DAffine3;
+use serde::{Deserialize, Serialize};
 
 pub use self::budget::Budget;
 use self::obj::ObjFile;
 use self::texture::Textures;
-use super::build::SceneBuilder;
+use super::build::{SceneBuilder, Space};
+use super::files;
 use super::{Material, Scene, SceneHeader, Shading};
 use crate::error::{Error, Result};
 use crate::settings::{Encoding, Filter, Integrator};
@@ -52,7 +54,7 @@ impl Loaded {
 
 /// What the scene file says about the image. Flags go before, [`ImageSettings`](crate::settings::ImageSettings)'s
 /// defaults after.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ImageDefaults {
     /// 1 ..= 65536.
     pub width: Option<u32>,
@@ -81,20 +83,29 @@ fn warn(warnings: &mut Vec<String>, file: &Path, warning: impl FnOnce() -> Strin
     }
 }
 
-/// Reads a scene (`.toml`) or a bare model (`.obj`).
+/// Reads a scene (`.toml`), a bare model (`.obj`) or a converted scene (`.helio`).
 ///
 /// # Errors
 /// Another extension, a file that can't be read, or anything in it that can't be rendered.
 pub fn load(path: &Path) -> Result<Loaded> {
+    load_in(path, Space::Memory)
+}
+
+/// Reads a scene as [`load`] does, and keeps its surfaces in `space`; those of a converted scene stay where they are.
+///
+/// # Errors
+/// As [`load`], and a disk that can't be written to.
+pub fn load_in(path: &Path, space: Space) -> Result<Loaded> {
     let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or("");
     match extension.to_ascii_lowercase().as_str() {
-        "toml" => toml::load(path),
-        "obj" => model(path),
+        "toml" => toml::load(path, space),
+        "obj" => model(path, space),
+        "helio" => helio::load(path),
         _ => Err(Error::scene(
             path,
             None,
             format!("scene files of type `{extension}` can't be read"),
-            "give a .toml scene or an .obj model",
+            "give a .toml scene, an .obj model or a .helio file",
         )),
     }
 }
@@ -104,10 +115,10 @@ pub fn load(path: &Path) -> Result<Loaded> {
 ///
 /// # Errors
 /// As [`load`].
-pub fn model(path: &Path) -> Result<Loaded> {
+fn model(path: &Path, space: Space) -> Result<Loaded> {
     let mut textures = Textures::default();
     let file = obj::read(path, &mut textures)?;
-    let mut builder = SceneBuilder::new(path);
+    let mut builder = SceneBuilder::new_in(path, space)?;
     let mut warnings = Vec::new();
     place(&mut builder, file, &DAffine3::IDENTITY, None, Shading::Phong, &mut warnings)?;
     for texture in textures.into_vec() {

@@ -71,8 +71,8 @@ fn load_within(path: &Path, budget: Budget) -> Result<Texture> {
     limits.max_alloc = Some(needed);
     decoder.set_limits(limits).map_err(|error| broken(path, error))?;
     let image = DynamicImage::from_decoder(decoder).map_err(|error| broken(path, error))?.into_rgb8();
-    let texels = image.pixels().map(|pixel| pixel.0).collect();
-    Ok(Texture { width, height, texels })
+    let texels: Vec<_> = image.pixels().map(|pixel| pixel.0).collect();
+    Ok(Texture { width, height, texels: texels.into() })
 }
 
 fn broken(path: &Path, error: ImageError) -> Error {

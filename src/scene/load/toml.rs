@@ -20,21 +20,22 @@ use self::source::{Source, Span};
 use super::texture::Textures;
 use super::{Budget, ImageDefaults, Loaded, files, framing, obj, warn};
 use crate::error::{Error, Result};
-use crate::scene::build::SceneBuilder;
+use crate::scene::build::{SceneBuilder, Space};
 use crate::scene::generate::cuboid::cuboid;
 use crate::scene::generate::icosphere::icosphere;
 use crate::scene::generate::plane::plane;
 use crate::scene::generate::sphereflake::sphereflake;
 use crate::scene::generate::teapot::teapot;
 use crate::scene::light::LightShape;
+use crate::scene::mesh::MeshMut;
 use crate::scene::{Camera, Material, SceneHeader};
 
 /// Reads a scene file and all that it names.
 ///
 /// # Errors
 /// As [`super::load`].
-pub fn load(path: &Path) -> Result<Loaded> {
-    parse(&files::read(path)?, path, Budget::of_machine())
+pub(super) fn load(path: &Path, space: Space) -> Result<Loaded> {
+    parse_in(&files::read(path)?, path, Budget::of_machine(), space)
 }
 
 /// Reads the text of a scene file. `path` stands in errors, and the files that it names are looked for beside it.
@@ -42,6 +43,10 @@ pub fn load(path: &Path) -> Result<Loaded> {
 /// # Errors
 /// As [`super::load`], and a scene that needs more memory than `budget`.
 pub fn parse(text: &[u8], path: &Path, budget: Budget) -> Result<Loaded> {
+    parse_in(text, path, budget, Space::Memory)
+}
+
+fn parse_in(text: &[u8], path: &Path, budget: Budget, space: Space) -> Result<Loaded> {
     let text = match std::str::from_utf8(text) {
         Ok(text) => text,
         Err(error) => {
@@ -51,8 +56,8 @@ pub fn parse(text: &[u8], path: &Path, budget: Budget) -> Result<Loaded> {
     };
     let source = Source { file: path, text };
     let description = describe(&source)?;
-    afford(&source, &description.objects, budget)?;
-    build(&source, description)
+    afford(&source, &description.objects, budget, space)?;
+    build(&source, description, space)
 }
 
 /// What a scene file says, checked as far as that goes without opening another file.
@@ -128,12 +133,13 @@ fn syntax(source: &Source, error: &::toml::de::Error) -> Error {
 }
 
 /// Refuses the first object whose surfaces, with those before it, don't fit into memory.
-fn afford(source: &Source, objects: &[Object], budget: Budget) -> Result<()> {
+fn afford(source: &Source, objects: &[Object], budget: Budget, space: Space) -> Result<()> {
     let mut kept = 0;
     for object in objects {
-        kept += object.shape.bytes();
-        // While an object is made, it is there twice.
-        if let Some(shortage) = budget.lacks(kept + object.shape.bytes()) {
+        if let Space::Memory = space {
+            kept += object.shape.bytes();
+        }
+        if let Some(shortage) = budget.lacks(kept + object.shape.bytes_to_make()) {
             let what = format!("with this object the scene needs {shortage}");
             let mend = match object.shape {
                 Shape::Mesh { .. } => "use fewer or coarser meshes",
@@ -145,9 +151,9 @@ fn afford(source: &Source, objects: &[Object], budget: Budget) -> Result<()> {
     Ok(())
 }
 
-fn build(source: &Source, description: Description) -> Result<Loaded> {
+fn build(source: &Source, description: Description, space: Space) -> Result<Loaded> {
     let Description { mut header, camera, lights, image, materials, objects, mut warnings } = description;
-    let mut builder = SceneBuilder::new(source.file);
+    let mut builder = SceneBuilder::new_in(source.file, space)?;
     let mut textures = Textures::default();
     for NamedMaterial { mut material, texture } in materials {
         if let Some((file, at)) = texture {
@@ -215,13 +221,17 @@ fn make(
         }
         Shape::Sphere(ball) => {
             let material = material();
-            return builder.spheres(&[ball], &transform, material);
+            return builder.spheres([ball], &transform, material);
         }
         Shape::Sphereflake { depth, radius } => {
             let material = material();
-            return builder.spheres(&sphereflake(depth, radius), &transform, material);
+            return builder.spheres(sphereflake(depth, radius), &transform, material);
         }
-        Shape::Terrain(terrain) => terrain.mesh(),
+        Shape::Terrain(terrain) => {
+            let material = material();
+            let fill = |mesh: MeshMut| terrain.fill(mesh);
+            return builder.mesh_in_place(terrain.size(), fill, &transform, material, shading);
+        }
         Shape::Teapot { level } => teapot(level),
         Shape::Icosphere { level, center, radius } => icosphere(level, center, radius),
         Shape::Box { low, high } => cuboid(low, high),

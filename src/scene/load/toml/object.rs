@@ -67,6 +67,15 @@ impl Shape {
         }
     }
 
+    /// Bytes that it takes beside those of its surfaces while these are made, about.
+    pub fn bytes_to_make(&self) -> u64 {
+        match self {
+            Shape::Sphere(_) | Shape::Sphereflake { .. } | Shape::Terrain(_) => 0,
+            // It is made as a whole, then moved into place.
+            _ => self.bytes(),
+        }
+    }
+
     /// Whether texture coordinates come with the shape (with a mesh: perhaps).
     pub fn has_uvs(&self) -> bool {
         !matches!(self, Shape::Sphere(_) | Shape::Sphereflake { .. } | Shape::Icosphere { .. })

@@ -15,7 +15,7 @@ use crate::settings::{Encoding, Filter, Integrator};
 
 fn read(text: &str) -> Result<Loaded> {
     let source = Source { file: Path::new("scene.toml"), text };
-    build(&source, describe(&source)?)
+    build(&source, describe(&source)?, super::Space::Memory)
 }
 
 fn scenes() -> Vec<PathBuf> {
@@ -356,8 +356,8 @@ fn files_that_are_no_scenes() {
         load(&path).map(|_| ()).unwrap_err().to_string()
     };
     assert!(error("a.toml", b"# one\n\xff").contains("a.toml:2: the text isn't UTF-8"));
-    assert!(error("a.ply", b"").contains("give a .toml scene or an .obj model"));
-    assert!(error("bare", b"").contains("give a .toml scene or an .obj model"));
+    assert!(error("a.ply", b"").contains("give a .toml scene, an .obj model or a .helio file"));
+    assert!(error("bare", b"").contains("give a .toml scene, an .obj model or a .helio file"));
     assert!(load(&folder.path().join("none.toml")).unwrap_err().to_string().contains("check the path"));
     assert!(load(folder.path()).is_err());
 }
@@ -414,7 +414,7 @@ proptest! {
         if let Ok(description) = describe(&source)
             && description.objects.iter().map(|object| object.shape.count()).sum::<u64>() < 20_000
         {
-            let _ = build(&source, description);
+            let _ = build(&source, description, super::Space::Memory);
         }
     }
 }

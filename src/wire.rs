@@ -1,4 +1,4 @@
-//! Small structured values as bytes: bincode in an envelope that tells a damaged or foreign message.
+//! Small structured values as bytes, for messages and files: bincode in an envelope that tells a damaged or foreign one.
 //!
 //! Owns the format. Must not know what is sent, nor how. Big arrays don't pass through here: they travel as
 //! they lie in memory.
@@ -27,12 +27,8 @@ const CONFIG: bincode::config::Configuration<
 /// Errors: a value that can't be serialised, or is longer than [`MAX_PAYLOAD_BYTES`].
 pub fn encode<T: Serialize + ?Sized>(value: &T) -> Result<Vec<u8>> {
     let mut bytes = vec![0; ENVELOPE_BYTES];
-    bincode::serde::encode_into_std_write(value, &mut bytes, CONFIG)
-        .map_err(|error| broken(format!("a message can't be written: {error}")))?;
+    append(value, &mut bytes)?;
     let payload = &bytes[ENVELOPE_BYTES..];
-    if payload.len() > MAX_PAYLOAD_BYTES {
-        return Err(broken(format!("a message of {} bytes is longer than the limit", payload.len())));
-    }
     let (length, checksum) = (payload.len() as u64, crc32fast::hash(payload));
     bytes[0..4].copy_from_slice(&MAGIC);
     bytes[4..8].copy_from_slice(&VERSION.to_le_bytes());
@@ -60,12 +56,38 @@ pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T> {
     if envelope[16..20] != crc32fast::hash(payload).to_le_bytes() {
         return Err(broken("a message was damaged on its way".into()));
     }
+    unpack(payload)
+}
+
+/// The value's bare bytes, for what has a version and a checksum of its own.
+///
+/// Errors: as of [`encode`].
+pub fn pack<T: Serialize + ?Sized>(value: &T) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    append(value, &mut bytes)?;
+    Ok(bytes)
+}
+
+/// The value out of its bare bytes.
+///
+/// Errors: bytes that aren't exactly those of one value of this type.
+pub fn unpack<T: DeserializeOwned>(payload: &[u8]) -> Result<T> {
     let (value, used) = bincode::serde::decode_from_slice(payload, CONFIG)
         .map_err(|error| broken(format!("a message can't be read: {error}")))?;
     if used != payload.len() {
         return Err(broken("a message holds more than it should".into()));
     }
     Ok(value)
+}
+
+fn append<T: Serialize + ?Sized>(value: &T, bytes: &mut Vec<u8>) -> Result<()> {
+    let start = bytes.len();
+    bincode::serde::encode_into_std_write(value, bytes, CONFIG)
+        .map_err(|error| broken(format!("a message can't be written: {error}")))?;
+    match bytes.len() - start {
+        0..=MAX_PAYLOAD_BYTES => Ok(()),
+        length => Err(broken(format!("a message of {length} bytes is longer than the limit"))),
+    }
 }
 
 fn broken(what: String) -> Error {

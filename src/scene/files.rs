@@ -34,9 +34,9 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>> {
 
 #[cfg(all(test, unix))]
 mod tests {
-    use super::super::obj::read;
-    use super::super::texture::Textures;
     use crate::scene::load::load;
+    use crate::scene::load::obj::read;
+    use crate::scene::load::texture::Textures;
 
     /// Each of them would be read for ever, or waited for.
     #[test]
