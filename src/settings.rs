@@ -127,6 +127,8 @@ pub enum AccelKind {
     Bvh,
     /// A uniform grid.
     Grid,
+    /// A bounding sphere around each object, of which then everything is tested.
+    Spheres,
     /// Every primitive is tested: a check, not a way to render.
     Brute,
 }

@@ -53,6 +53,18 @@ fn the_grid_sees_the_same() {
 }
 
 #[test]
+fn bounding_spheres_see_the_same() {
+    for scene in scenes() {
+        let mut work = small_work(&scene, AccelKind::Bvh);
+        work.image.spp = 1;
+        let expected = fingerprint(&render(&work, 2));
+        work.run.accel = AccelKind::Spheres;
+        work.accel = Accel::build(AccelKind::Spheres, BuildSettings::default(), &work.scene.surfaces);
+        assert_eq!(fingerprint(&render(&work, 2)), expected, "{}", name(&scene));
+    }
+}
+
+#[test]
 fn a_crop_is_that_part_of_the_whole() {
     for scene in scenes() {
         let mut work = small_work(&scene, AccelKind::Bvh);

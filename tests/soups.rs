@@ -10,7 +10,7 @@ use heliostat::scene::Surfaces;
 use heliostat::settings::{AccelKind, BuildPreset};
 use proptest::prelude::*;
 
-const ACCELS: [AccelKind; 3] = [AccelKind::Bvh, AccelKind::Grid, AccelKind::Brute];
+const ACCELS: [AccelKind; 4] = [AccelKind::Bvh, AccelKind::Grid, AccelKind::Spheres, AccelKind::Brute];
 
 /// Lattice points make edges, vertices and planes coincide; the others make slivers, specks and plain triangles.
 fn vertex() -> impl Strategy<Value = [f32; 3]> {
@@ -63,6 +63,7 @@ proptest! {
         let surfaces = Surfaces {
             positions: triangles.concat(),
             triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            objects: (0..triangles.len() as u32).step_by(7).collect(),
             ..Surfaces::default()
         };
         let [a, b] = ends.map(|end| DVec3::from(end) * 4.0 + aside);

@@ -2,6 +2,7 @@
 
 mod brute;
 pub mod grid;
+pub mod spheres;
 mod tester;
 pub mod wide;
 
@@ -10,8 +11,10 @@ use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 use crate::settings::{AccelKind, BuildSettings};
+use glam::DVec3;
 use grid::Grid;
 use rayon::prelude::*;
+use spheres::Spheres;
 use wide::Wide;
 use wide::level::Level;
 
@@ -20,6 +23,7 @@ use wide::level::Level;
 pub enum Accel {
     Bvh(Wide),
     Grid(Grid),
+    Spheres(Spheres),
     Brute,
 }
 
@@ -31,12 +35,26 @@ fn solid(surfaces: &Surfaces) -> Vec<u32> {
         .collect()
 }
 
+/// Lower and upper corner of these primitives, or `None` if there are none. On the current rayon pool.
+fn bounds(surfaces: &Surfaces, ids: &[u32]) -> Option<(DVec3, DVec3)> {
+    ids.par_iter()
+        .flat_map_iter(|&id| surfaces.balls(id))
+        .map(|(center, radius)| (DVec3::from(center) - radius, DVec3::from(center) + radius))
+        .reduce_with(|(low, high), (l, h)| (low.min(l), high.max(h)))
+}
+
+/// The largest magnitude of a coordinate of these primitives.
+fn extent(surfaces: &Surfaces, ids: &[u32]) -> f64 {
+    bounds(surfaces, ids).map_or(0.0, |(low, high)| low.abs().max(high.abs()).max_element())
+}
+
 impl Accel {
     /// Nothing in it: to be filled by what another rank has built.
     pub fn empty(kind: AccelKind) -> Accel {
         match kind {
             AccelKind::Bvh => Accel::Bvh(Wide::default()),
             AccelKind::Grid => Accel::Grid(Grid::default()),
+            AccelKind::Spheres => Accel::Spheres(Spheres::default()),
             AccelKind::Brute => Accel::Brute,
         }
     }
@@ -45,6 +63,7 @@ impl Accel {
         match self {
             Accel::Bvh(_) => AccelKind::Bvh,
             Accel::Grid(_) => AccelKind::Grid,
+            Accel::Spheres(_) => AccelKind::Spheres,
             Accel::Brute => AccelKind::Brute,
         }
     }
@@ -55,6 +74,7 @@ impl Accel {
         match kind {
             AccelKind::Bvh => Accel::Bvh(Wide::build(surfaces, build.preset)),
             AccelKind::Grid => Accel::Grid(Grid::build(surfaces, build.grid_density)),
+            AccelKind::Spheres => Accel::Spheres(Spheres::build(surfaces)),
             AccelKind::Brute => Accel::Brute,
         }
     }
@@ -64,6 +84,7 @@ impl Accel {
         match kind {
             AccelKind::Bvh => surfaces.len() as u64 * wide::BYTES_TO_BUILD,
             AccelKind::Grid => surfaces.len() as u64 * grid::BYTES_TO_BUILD,
+            AccelKind::Spheres => surfaces.len() as u64 * spheres::BYTES_TO_BUILD,
             AccelKind::Brute => 0,
         }
     }
@@ -86,7 +107,8 @@ impl Accel {
                 answer[0]
             }
             Accel::Grid(grid) => grid.answer(surfaces, ray, any),
-            Accel::Brute => brute::answer(surfaces, ray, any),
+            Accel::Spheres(spheres) => spheres.answer(surfaces, ray, any),
+            Accel::Brute => brute::answer(surfaces, 0..surfaces.len() as u32, ray, any),
         }
     }
 
@@ -98,7 +120,7 @@ impl Accel {
                 answers.resize(records.len(), Answer::MISS);
                 wide.trace(surfaces, records, answers);
             }
-            Accel::Grid(_) | Accel::Brute => answers.extend(
+            Accel::Grid(_) | Accel::Spheres(_) | Accel::Brute => answers.extend(
                 records
                     .iter()
                     .map(|record| self.single(surfaces, &record.ray(), record.query() == Query::Occluded)),
@@ -111,6 +133,7 @@ impl Accel {
         match self {
             Accel::Bvh(wide) => wide.memory(),
             Accel::Grid(grid) => grid.memory(),
+            Accel::Spheres(spheres) => spheres.memory(),
             Accel::Brute => 0,
         }
     }

@@ -45,6 +45,11 @@ impl Work {
                 share.array(&mut wide.tree.nodes)?;
                 share.array(&mut wide.tree.blocks)
             }
+            Accel::Spheres(spheres) => {
+                share.value(&mut spheres.extent)?;
+                share.array(&mut spheres.objects)?;
+                share.array(&mut spheres.blocks)
+            }
             Accel::Grid(grid) => {
                 share.value(&mut grid.low)?;
                 share.value(&mut grid.size)?;
@@ -64,6 +69,7 @@ fn share_scene(scene: &mut Scene, share: Share) -> Result<()> {
     share.array(&mut surfaces.positions)?;
     share.array(&mut surfaces.triangles)?;
     share.array(&mut surfaces.spheres)?;
+    share.array(&mut surfaces.objects)?;
     share.array(&mut surfaces.normals)?;
     share.array(&mut surfaces.uvs)?;
     share.array(&mut surfaces.colors)?;
