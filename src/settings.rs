@@ -20,6 +20,7 @@ pub struct ImageSettings {
     pub min_weight: f64,
     pub filter: Filter,
     pub encoding: Encoding,
+    pub show: Show,
 }
 
 impl Default for ImageSettings {
@@ -42,6 +43,7 @@ impl ImageSettings {
             min_weight: 0.0,
             filter: Filter::Box,
             encoding: Encoding::Srgb,
+            show: Show::Scene,
         }
     }
 }
@@ -96,6 +98,17 @@ pub enum Encoding {
     Srgb,
     /// No curve.
     Linear,
+}
+
+/// What is seen of the scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Show {
+    /// All of it.
+    #[default]
+    Scene,
+    /// The bounding sphere of each object, in the colour of its material, but for those around the camera.
+    Bounds,
 }
 
 /// How the image is computed: nothing here changes a byte of it.

@@ -85,6 +85,29 @@ fn formats_hold_the_same_image_and_files_are_the_same_bytes_again() {
 }
 
 #[test]
+fn bounds_are_shown_by_every_structure_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene("teapot.toml");
+    let show = |output: &str, more: &[&str]| {
+        let flags = ["render", &scene, "--width", "60", "-o", output];
+        let output = heliostat(folder.path(), &[&flags, more].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    let bounds = ["--show", "bounds", "--accel"];
+    assert!(!show("scene.png", &[]).contains("warning"));
+    // The table's sphere is all around.
+    assert!(
+        show("bvh.png", &[&bounds[..], &["bvh"]].concat()).contains("1 bounding spheres hold the camera")
+    );
+    show("spheres.png", &[&bounds[..], &["spheres"]].concat());
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert!(read("bvh.png") == read("spheres.png"));
+    let output = heliostat(folder.path(), &["compare", "scene.png", "bvh.png", "--max-rmse", "0.02"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+}
+
+#[test]
 fn wrong_flags_are_usage_errors() {
     let spheres = scene("orthographic.toml");
     refuses(&["render"], 2, &["<SCENE>"]);

@@ -18,7 +18,7 @@ use crate::output::{file, metadata};
 use crate::scene::load::{self, ImageDefaults};
 use crate::settings::{
     AccelKind, BuildPreset, BuildSettings, Crop, Encoding, Filter, ImageSettings, Integrator, RunSettings,
-    Split,
+    Show, Split,
 };
 
 #[derive(Debug, clap::Args)]
@@ -65,6 +65,9 @@ pub struct Args {
     /// Render only pixels X0 <= x < X1, Y0 <= y < Y1; row 0 is on top
     #[arg(long, value_name = "X0,Y0,X1,Y1", env = "HELIOSTAT_CROP", value_parser = crop, help_heading = "Image")]
     crop: Option<Crop>,
+    /// What is seen: the scene, or the bounding spheres of its objects
+    #[arg(long, env = "HELIOSTAT_SHOW", default_value = "scene", help_heading = "Image")]
+    show: Show,
     /// The structure that finds hits; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_ACCEL", default_value = "bvh", help_heading = "Run")]
     accel: AccelKind,
@@ -177,6 +180,17 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     stats.seconds.load = begin.elapsed().as_secs_f64();
     let image = image_settings(&args, &loaded.image)?;
     loaded.fit(image.width, image.height);
+    if image.show == Show::Bounds {
+        let (spheres, left_out) = loaded.scene.bounding_spheres();
+        loaded.scene = spheres;
+        if left_out > 0 {
+            let what = format!(
+                "{}: {left_out} bounding spheres hold the camera and are left out",
+                args.scene.display()
+            );
+            loaded.warnings.push(what);
+        }
+    }
     let run = RunSettings {
         accel: args.accel,
         build: BuildSettings { preset: args.build, grid_density: args.grid_density },
@@ -243,6 +257,7 @@ fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
         min_weight: args.min_weight.or(scene.min_weight).unwrap_or(default.min_weight),
         filter: args.filter.or(scene.filter).unwrap_or(default.filter),
         encoding: args.encoding.or(scene.encoding).unwrap_or(default.encoding),
+        show: args.show,
     })
 }
 
