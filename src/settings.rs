@@ -117,6 +117,7 @@ pub struct RunSettings {
     pub accel: AccelKind,
     pub build: BuildSettings,
     pub split: Split,
+    pub within: Within,
     /// Edge of a tile in pixels, 1 ..= 4096.
     pub tile_size: u32,
 }
@@ -127,6 +128,7 @@ impl Default for RunSettings {
             accel: AccelKind::Bvh,
             build: BuildSettings::default(),
             split: Split::Tiles,
+            within: Within::Rays,
             tile_size: 32,
         }
     }
@@ -191,4 +193,14 @@ pub enum BuildPreset {
 pub enum Split {
     /// Rank 0 deals screen tiles on demand, the costliest first.
     Tiles,
+}
+
+/// How a rank's threads divide what the rank has to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Within {
+    /// Each has tiles of its own, and all primitives.
+    Rays,
+    /// Each has a part of the primitives, and all rays: batch by batch they are put to all parts at once.
+    Triangles,
 }

@@ -17,7 +17,7 @@ use heliostat::job::{self, Crew, Work};
 use heliostat::output::progress::ProgressKind;
 use heliostat::output::stats::RankStats;
 use heliostat::output::timeline::Timeline;
-use heliostat::settings::{AccelKind, BuildSettings};
+use heliostat::settings::{AccelKind, BuildSettings, Within};
 
 /// Set for the processes that are ranks.
 const RANK_PROCESS: &str = "HELIOSTAT_TEST_RANK";
@@ -45,6 +45,8 @@ fn render_all(comm: &dyn Comm) -> Result<()> {
             let small = share_small(comm, &origin)?;
             comm.set_chunk_bytes(if small { chunk_bytes } else { chunk_bytes.max(65_536) });
             origin.run.tile_size = tile_size;
+            // The second way is over triangles.
+            origin.run.within = if way == 1 { Within::Triangles } else { Within::Rays };
             // The last way goes through the grid, too.
             if way == WAYS.len() - 1 && comm.rank() == 0 {
                 origin.run.accel = AccelKind::Grid;

@@ -8,7 +8,7 @@ use common::{fingerprint, name, render, repository, scenes, small_work};
 use heliostat::accel::Accel;
 use heliostat::image::Image;
 use heliostat::output::write::{Format, WriteOptions, encode};
-use heliostat::settings::{AccelKind, BuildSettings, Crop};
+use heliostat::settings::{AccelKind, BuildSettings, Crop, Within};
 
 #[test]
 fn threads_and_tiles_change_nothing() {
@@ -61,6 +61,26 @@ fn bounding_spheres_see_the_same() {
         work.run.accel = AccelKind::Spheres;
         work.accel = Accel::build(AccelKind::Spheres, BuildSettings::default(), &work.scene.surfaces);
         assert_eq!(fingerprint(&render(&work, 2)), expected, "{}", name(&scene));
+    }
+}
+
+#[test]
+fn threads_over_triangles_see_the_same() {
+    for scene in scenes() {
+        let mut work = small_work(&scene, AccelKind::Bvh);
+        work.image.spp = 1;
+        let expected = fingerprint(&render(&work, 2));
+        let is_large = work.scene.surfaces.len() > 20_000;
+        work.run.within = Within::Triangles;
+        for (accel, threads) in
+            [(AccelKind::Bvh, 3), (AccelKind::Grid, 2), (AccelKind::Spheres, 3), (AccelKind::Brute, 2)]
+        {
+            if !(is_large && accel == AccelKind::Brute) {
+                work.run.accel = accel;
+                work.accel = Accel::empty(accel);
+                assert_eq!(fingerprint(&render(&work, threads)), expected, "{} {accel:?}", name(&scene));
+            }
+        }
     }
 }
 

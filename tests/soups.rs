@@ -68,10 +68,13 @@ proptest! {
         };
         let [a, b] = ends.map(|end| DVec3::from(end) * 4.0 + aside);
         prop_assume!(a != b);
-        for kind in ACCELS {
-            let accel = Accel::build(kind, BuildPreset::Balanced, &surfaces);
+        let whole = ACCELS.map(|kind| Accel::build(kind, BuildPreset::Balanced, &surfaces));
+        let divided = ACCELS.map(|kind| Accel::divide(kind, BuildPreset::Balanced, &surfaces, 3));
+        let expected = passed(&Accel::Brute, &surfaces, a, b);
+        for accel in whole.into_iter().chain(divided) {
             let mut there = passed(&accel, &surfaces, a, b);
             let mut back = passed(&accel, &surfaces, b, a);
+            prop_assert_eq!(&there, &expected);
             there.sort_unstable();
             back.sort_unstable();
             prop_assert_eq!(there, back);

@@ -1,6 +1,7 @@
 //! Closest hits and occlusion over the surfaces of a scene. Knows no material, light or rank.
 
 mod brute;
+pub mod divided;
 pub mod grid;
 pub mod spheres;
 mod tester;
@@ -11,6 +12,7 @@ use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 use crate::settings::{AccelKind, BuildSettings};
+use divided::Divided;
 use glam::DVec3;
 use grid::Grid;
 use rayon::prelude::*;
@@ -25,6 +27,8 @@ pub enum Accel {
     Grid(Grid),
     Spheres(Spheres),
     Brute,
+    /// Structures over parts of the primitives.
+    Divided(Divided),
 }
 
 /// The primitives that rays can meet: all but triangles without area. On the current rayon pool.
@@ -65,6 +69,7 @@ impl Accel {
             Accel::Grid(_) => AccelKind::Grid,
             Accel::Spheres(_) => AccelKind::Spheres,
             Accel::Brute => AccelKind::Brute,
+            Accel::Divided(divided) => divided.kind,
         }
     }
 
@@ -77,6 +82,16 @@ impl Accel {
             AccelKind::Spheres => Accel::Spheres(Spheres::build(surfaces)),
             AccelKind::Brute => Accel::Brute,
         }
+    }
+
+    /// Builds such structures over so many parts of the primitives, which answer each batch of records side by side.
+    pub fn divide(
+        kind: AccelKind,
+        build: impl Into<BuildSettings>,
+        surfaces: &Surfaces,
+        parts: usize,
+    ) -> Accel {
+        Accel::Divided(Divided::build(kind, build.into(), surfaces, parts))
     }
 
     /// Bytes that building the structure takes beside the surfaces, about.
@@ -109,6 +124,7 @@ impl Accel {
             Accel::Grid(grid) => grid.answer(surfaces, ray, any),
             Accel::Spheres(spheres) => spheres.answer(surfaces, ray, any),
             Accel::Brute => brute::answer(surfaces, 0..surfaces.len() as u32, ray, any),
+            Accel::Divided(divided) => divided.answer(surfaces, ray, any),
         }
     }
 
@@ -116,6 +132,7 @@ impl Accel {
     pub fn trace(&self, surfaces: &Surfaces, records: &[RayRecord], answers: &mut Vec<Answer>) {
         answers.clear();
         match self {
+            Accel::Divided(divided) => divided.trace(surfaces, records, answers),
             Accel::Bvh(wide) => {
                 answers.resize(records.len(), Answer::MISS);
                 wide.trace(surfaces, records, answers);
@@ -135,6 +152,7 @@ impl Accel {
             Accel::Grid(grid) => grid.memory(),
             Accel::Spheres(spheres) => spheres.memory(),
             Accel::Brute => 0,
+            Accel::Divided(divided) => divided.memory(),
         }
     }
 }

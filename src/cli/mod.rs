@@ -151,8 +151,14 @@ fn build_accel(
     surfaces: &Surfaces,
     scene: &Path,
 ) -> Result<Accel> {
-    match Budget::of_machine().lacks(Accel::memory_to_build(kind, surfaces)) {
-        None => Ok(Accel::build(kind, build, surfaces)),
+    afford(Accel::memory_to_build(kind, surfaces), surfaces, scene)?;
+    Ok(Accel::build(kind, build, surfaces))
+}
+
+/// Whether there are so many bytes for the accelerator of the scene in the file `scene`.
+fn afford(bytes: u64, surfaces: &Surfaces, scene: &Path) -> Result<()> {
+    match Budget::of_machine().lacks(bytes) {
+        None => Ok(()),
         Some(shortage) => Err(Error::scene(
             scene,
             None,

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use super::{note, warn};
+use crate::accel::{Accel, divided};
 use crate::cluster::share::{self, Share};
 use crate::cluster::{self, Comm, threads};
 use crate::error::{Error, Result};
@@ -18,7 +19,7 @@ use crate::output::{file, metadata};
 use crate::scene::load::{self, ImageDefaults};
 use crate::settings::{
     AccelKind, BuildPreset, BuildSettings, Crop, Encoding, Filter, ImageSettings, Integrator, RunSettings,
-    Show, Split,
+    Show, Split, Within,
 };
 
 #[derive(Debug, clap::Args)]
@@ -80,6 +81,9 @@ pub struct Args {
     /// How ranks divide the work; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_SPLIT", default_value = "tiles", help_heading = "Run")]
     split: Split,
+    /// How the threads of a rank divide its work; never changes a byte of the image
+    #[arg(long, env = "HELIOSTAT_WITHIN", default_value = "rays", help_heading = "Run")]
+    within: Within,
     /// Threads of each rank [env: HELIOSTAT_THREADS, each rank's own] [default: the processors, divided among the ranks that share them]
     #[arg(long, value_name = "N", help_heading = "Run")]
     threads: Option<NonZeroUsize>,
@@ -195,6 +199,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
         accel: args.accel,
         build: BuildSettings { preset: args.build, grid_density: args.grid_density },
         split: args.split,
+        within: args.within,
         tile_size: args.tile_size,
     };
     if !errand.quiet {
@@ -205,7 +210,17 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     }
     let begin = Instant::now();
     let _span = timeline.span(0, "build");
-    let accel = super::build_accel(run.accel, run.build, &loaded.scene.surfaces, &args.scene)?;
+    let surfaces = &loaded.scene.surfaces;
+    let accel = match run.within {
+        Within::Rays => super::build_accel(run.accel, run.build, surfaces, &args.scene)?,
+        // Each rank builds for its own threads.
+        Within::Triangles => {
+            let needed = Accel::memory_to_build(run.accel, surfaces)
+                + divided::BYTES_TO_DIVIDE * surfaces.len() as u64;
+            super::afford(needed, surfaces, &args.scene)?;
+            Accel::empty(run.accel)
+        }
+    };
     stats.seconds.build = begin.elapsed().as_secs_f64();
     Ok((Work { scene: loaded.scene, accel, image, run }, errand))
 }

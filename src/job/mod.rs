@@ -18,7 +18,7 @@ use crate::render::film::Film;
 use crate::render::tile::Tiling;
 use crate::render::{RayTally, Renderer, cost};
 use crate::scene::Scene;
-use crate::settings::{ImageSettings, RunSettings, Split};
+use crate::settings::{ImageSettings, RunSettings, Split, Within};
 
 pub use share::Work;
 
@@ -33,9 +33,11 @@ pub struct Crew<'a> {
     pub progress: &'a dyn Progress,
 }
 
-/// Collective: renders the work that all ranks hold; rank 0 gets the image. Adds what this rank did to `stats`.
+/// Collective: renders the work that all ranks hold; rank 0 gets the image. Within ranks over triangles its accelerator isn't used: each rank builds its own.
+/// Adds what this rank did to `stats`.
 pub fn render(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<Image>> {
-    let renderer = Renderer::new(&work.scene, &work.accel, &work.image);
+    let divided = (work.run.within == Within::Triangles).then(|| divide(crew, work, stats));
+    let renderer = Renderer::new(&work.scene, divided.as_ref().unwrap_or(&work.accel), &work.image);
     let tiling = Tiling::new(work.image.crop, work.run.tile_size);
     let film = match work.run.split {
         Split::Tiles => deal_tiles(crew, work, &renderer, &tiling, stats)?,
@@ -45,6 +47,23 @@ pub fn render(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<
         let _span = crew.timeline.span(0, "resolve");
         film.resolve(renderer.negative_mass(), floor)
     }))
+}
+
+/// Structures over parts of the primitives, one for each of this rank's threads.
+fn divide(crew: &Crew, work: &Work, stats: &mut RankStats) -> Accel {
+    let _span = crew.timeline.span(0, "build");
+    let begin = Instant::now();
+    let (run, surfaces) = (&work.run, &work.scene.surfaces);
+    let parts = crew.pool.current_num_threads();
+    let accel = crew.pool.install(|| Accel::divide(run.accel, run.build, surfaces, parts));
+    stats.seconds.build += begin.elapsed().as_secs_f64();
+    accel
+}
+
+/// Does `work` in a pool while this thread of another one waits. By itself rayon would let it take up other work meanwhile, the next tile.
+fn waiting_for<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
+    let done = std::thread::scope(|scope| scope.spawn(|| pool.install(work)).join());
+    done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
 /// Split `tiles`: rank 0 deals screen tiles on demand, the costliest first, and gathers their films.
@@ -67,11 +86,21 @@ fn deal_tiles(
         Plan::new((0..).zip(costs))
     });
 
+    // Where the threads share each batch of rays, tiles come one at a time.
+    let one = match work.run.within {
+        Within::Rays => None,
+        Within::Triangles => Some(thread_pool(1)?),
+    };
+
     // All ranks render; tiles come home as they are done.
     let tally = RayTally::default();
     let render = |index: u32, bytes: &mut Vec<u8>| {
         let _span = crew.timeline.span(1 + rayon::current_thread_index().unwrap_or(0) as u32, "tile");
-        let (tile_film, rays) = renderer.tile(tiling.tile(index));
+        let tile = tiling.tile(index);
+        let (tile_film, rays) = match one {
+            None => renderer.tile(tile),
+            Some(_) => waiting_for(crew.pool, || renderer.tile(tile)),
+        };
         bytes.extend_from_slice(tile_film.as_bytes());
         tally.add(&rays);
     };
@@ -87,7 +116,14 @@ fn deal_tiles(
         crew.progress.advance((now.done - shown) as u64);
         shown = now.done;
     };
-    let dealt = deal::run(crew.comm, crew.pool, plan.as_ref(), &render, &mut deposit, &mut tick)?;
+    let dealt = deal::run(
+        crew.comm,
+        one.as_ref().unwrap_or(crew.pool),
+        plan.as_ref(),
+        &render,
+        &mut deposit,
+        &mut tick,
+    )?;
     if leads {
         crew.progress.end();
     }
@@ -147,7 +183,10 @@ pub fn wide_pool(comm: &dyn Comm, own: &ThreadPool) -> Result<Option<ThreadPool>
 /// The system gives no threads.
 pub fn render_alone(scene: Scene, image: ImageSettings, run: RunSettings) -> Result<Image> {
     let pool = thread_pool(std::thread::available_parallelism().map_or(1, |n| n.get()))?;
-    let accel = pool.install(|| Accel::build(run.accel, run.build, &scene.surfaces));
+    let accel = match run.within {
+        Within::Rays => pool.install(|| Accel::build(run.accel, run.build, &scene.surfaces)),
+        Within::Triangles => Accel::empty(run.accel),
+    };
     let work = Work { scene, accel, image, run };
     let progress = ProgressKind::None.start();
     let timeline = &Timeline::off();

@@ -37,7 +37,8 @@ impl Work {
             self.accel = Accel::empty(self.run.accel);
         }
         match &mut self.accel {
-            Accel::Brute => Ok(()),
+            // Parts are for a rank's own threads: each makes them of the scene that it gets.
+            Accel::Brute | Accel::Divided(_) => Ok(()),
             Accel::Bvh(wide) => {
                 share.value(&mut wide.low)?;
                 share.value(&mut wide.high)?;
