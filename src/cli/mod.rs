@@ -6,6 +6,7 @@ mod info;
 mod manual;
 mod probe;
 mod render;
+mod strategies;
 mod stress;
 mod validate;
 
@@ -106,6 +107,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Probe(args)) => probe::run(&args),
         Some(Command::Bench(bench::Command::Kernels(args))) => bench::kernels(&args),
+        Some(Command::Bench(bench::Command::Strategies(args))) => strategies::run(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
         Some(Command::Render(_) | Command::Stress(_)) | None => Ok(()),
