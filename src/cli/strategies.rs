@@ -11,7 +11,7 @@ use super::print;
 use crate::cluster::{Solo, threads};
 use crate::error::{Error, Result};
 use crate::job;
-use crate::lab::strategies::{Field, Outcome, Strategy};
+use crate::lab::strategies::{Field, Strategy};
 use crate::output::file;
 use crate::output::plot::{self, Curve};
 use crate::scene::generate::icosphere;
@@ -76,22 +76,9 @@ pub fn run(args: &Args) -> Result<()> {
         let field = Field::new(args.objects, level, args.side)?;
         let mut expected = None;
         for &accel in &args.accel {
-            let first = rows.len();
-            for strategy in Strategy::ALL {
-                let (row, digest) = pool.install(|| measure(args, &field, accel, strategy));
-                if let Some(digest) = digest
-                    && *expected.get_or_insert(digest) != digest
-                {
-                    let what = format!("{} and {accel:?}: other answers than before", strategy.name());
-                    return Err(Error::Inexact(what));
-                }
-                rows.push(row);
-            }
-            let single = rows[first].seconds;
-            for row in &mut rows[first..] {
-                row.speedup = single.zip(row.seconds).map(|(single, seconds)| single / seconds);
-            }
-            print(&if args.json { json(&rows[first..])? } else { line(&rows[first..]) })?;
+            let measured = pool.install(|| measure(args, &field, accel, &mut expected))?;
+            print(&if args.json { json(&measured)? } else { line(&measured) })?;
+            rows.extend(measured);
         }
     }
     let Some(path) = &args.plot else { return Ok(()) };
@@ -99,32 +86,41 @@ pub fn run(args: &Args) -> Result<()> {
     file::write_whole(path, |out| out.write_all(svg.as_bytes()))
 }
 
-fn measure(args: &Args, field: &Field, kind: AccelKind, strategy: Strategy) -> (Row, Option<u64>) {
-    let accel = field.build(kind, strategy);
-    let mut row = Row {
+/// All strategies of one structure, round by round in turn, so that whatever else the machine does meets them alike.
+fn measure(args: &Args, field: &Field, kind: AccelKind, expected: &mut Option<u64>) -> Result<Vec<Row>> {
+    let accels = Strategy::ALL.map(|strategy| field.build(kind, strategy));
+    let foretold: Vec<f64> =
+        Strategy::ALL.iter().zip(&accels).map(|(&strategy, accel)| field.foretell(accel, strategy)).collect();
+    let is_left_out = |which: usize| foretold[which] * f64::from(args.rounds) > args.limit;
+    let mut seconds = Strategy::ALL.map(|_| Vec::new());
+    for _ in 0..args.rounds {
+        for (which, strategy) in
+            Strategy::ALL.into_iter().enumerate().filter(|&(which, _)| !is_left_out(which))
+        {
+            let (took, digest) = field.round(&accels[which], strategy);
+            if *expected.get_or_insert(digest) != digest {
+                let what = format!("{} and {kind:?}: other answers than before", strategy.name());
+                return Err(Error::Inexact(what));
+            }
+            seconds[which].push(took);
+        }
+    }
+    let medians = seconds.map(|mut seconds| {
+        seconds.sort_by(f64::total_cmp);
+        seconds.get(seconds.len() / 2).copied()
+    });
+    let row = |(which, strategy): (usize, Strategy)| Row {
         triangles: field.triangles(),
         accel: kind,
         strategy: strategy.name(),
         threads: if strategy == Strategy::Single { 1 } else { rayon::current_num_threads() },
         rays: field.rays(),
-        seconds: None,
-        mrays: None,
-        speedup: None,
-        left_out_s: None,
+        seconds: medians[which],
+        mrays: medians[which].map(|seconds| field.rays() as f64 / seconds / 1e6),
+        speedup: medians[0].zip(medians[which]).map(|(single, seconds)| single / seconds),
+        left_out_s: is_left_out(which).then_some(foretold[which]),
     };
-    match field.time(&accel, strategy, args.rounds as usize, args.limit) {
-        Outcome::TooLong(seconds) => {
-            row.left_out_s = Some(seconds);
-            (row, None)
-        }
-        Outcome::Measured(mut timing) => {
-            timing.seconds.sort_by(f64::total_cmp);
-            let seconds = timing.seconds[timing.seconds.len() / 2];
-            row.seconds = Some(seconds);
-            row.mrays = Some(field.rays() as f64 / seconds / 1e6);
-            (row, Some(timing.digest))
-        }
-    }
+    Ok(Strategy::ALL.into_iter().enumerate().map(row).collect())
 }
 
 fn heading(threads: usize, rays: u64, rounds: u32) -> String {
