@@ -189,7 +189,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
         loaded.scene = spheres;
         if left_out > 0 {
             let what = format!(
-                "{}: {left_out} bounding spheres hold the camera and are left out",
+                "{}: the camera is inside bounding spheres, which are left out: {left_out}",
                 args.scene.display()
             );
             loaded.warnings.push(what);
