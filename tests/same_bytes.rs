@@ -6,7 +6,14 @@ use std::path::PathBuf;
 
 use common::{fingerprint, name, render, repository, scenes, small_work};
 use heliostat::accel::Accel;
+use heliostat::cluster::Comm;
+use heliostat::cluster::comm::memory;
+use heliostat::cluster::share::Share;
 use heliostat::image::Image;
+use heliostat::job::{self, Crew, Work};
+use heliostat::output::progress::ProgressKind;
+use heliostat::output::stats::RankStats;
+use heliostat::output::timeline::Timeline;
 use heliostat::output::write::{Format, WriteOptions, encode};
 use heliostat::settings::{AccelKind, BuildSettings, Crop, Within};
 
@@ -81,6 +88,41 @@ fn threads_over_triangles_see_the_same() {
                 assert_eq!(fingerprint(&render(&work, threads)), expected, "{} {accel:?}", name(&scene));
             }
         }
+    }
+}
+
+/// What one rank does; rank 0 gives the work and gets the image.
+fn render_rank(comm: &dyn Comm, work: &Work) -> Option<Image> {
+    let mut own = if comm.rank() == 0 { work.clone() } else { Work::default() };
+    own.share(Share::new(comm)).unwrap();
+    let pool = job::thread_pool(2).unwrap();
+    let progress = ProgressKind::None.start();
+    let crew = Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
+    job::render(&crew, &own, &mut RankStats::default()).unwrap()
+}
+
+#[test]
+fn ranks_get_spheres_and_divide_them_by_themselves() {
+    let mut work = small_work(&repository().join("scenes/shading.toml"), AccelKind::Bvh);
+    let expected = fingerprint(&render(&work, 2));
+    for (accel, within) in [
+        (AccelKind::Spheres, Within::Rays),
+        (AccelKind::Spheres, Within::Triangles),
+        (AccelKind::Bvh, Within::Triangles),
+    ] {
+        (work.run.accel, work.run.within) = (accel, within);
+        work.accel = match within {
+            Within::Rays => Accel::build(accel, BuildSettings::default(), &work.scene.surfaces),
+            Within::Triangles => Accel::empty(accel),
+        };
+        let image = std::thread::scope(|scope| {
+            let work = &work;
+            let ranks =
+                memory::group(3).into_iter().map(|comm| scope.spawn(move || render_rank(&comm, work)));
+            let ranks: Vec<_> = ranks.collect();
+            ranks.into_iter().filter_map(|rank| rank.join().unwrap()).next().expect("rank 0 gets the image")
+        });
+        assert_eq!(fingerprint(&image), expected, "{accel:?} {within:?}");
     }
 }
 

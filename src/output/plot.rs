@@ -18,6 +18,9 @@ const HEIGHT: f64 = 480.0;
 /// The frame: left, right, upper and lower edge.
 const FRAME: [f64; 4] = [72.0, 570.0, 40.0, 424.0];
 const DASHES: [&str; 4] = ["none", "8 4", "2 3", "10 3 2 3"];
+/// Of markers on the dashes of the same number; missing: the curve's colour.
+const FILLS: [&str; 2] = ["white", "#cccccc"];
+const MIDDLE: &str = " text-anchor=\"middle\"";
 /// Okabe and Ito's, of different lightness.
 const COLORS: [&str; 4] = ["#000000", "#d55e00", "#0072b2", "#009e73"];
 
@@ -28,13 +31,13 @@ pub fn log_log(title: &str, [x_name, y_name]: [&str; 2], curves: &[Curve]) -> St
     let x = Axis::over(points().map(|point| point.0), left, right);
     let y = Axis::over(points().map(|point| point.1), bottom, top);
     let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" font-size=\"13\" text-anchor=\"middle\">\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" font-size=\"13\">\n\
          <rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"white\"/>\n"
     );
     let (middle_x, middle_y) = (0.5 * (left + right), 0.5 * (top + bottom));
-    text(&mut svg, (middle_x, top - 16.0), "", title);
-    text(&mut svg, (middle_x, HEIGHT - 14.0), "", x_name);
-    text(&mut svg, (20.0, middle_y), &format!(" transform=\"rotate(-90 20 {middle_y})\""), y_name);
+    text(&mut svg, (middle_x, top - 16.0), MIDDLE, title);
+    text(&mut svg, (middle_x, HEIGHT - 14.0), MIDDLE, x_name);
+    text(&mut svg, (20.0, middle_y), &format!("{MIDDLE} transform=\"rotate(-90 20 {middle_y})\""), y_name);
     for decade in x.first..=x.last {
         let at = x.place_log(f64::from(decade));
         line(&mut svg, (at, top), (at, bottom), "stroke=\"#cccccc\"");
@@ -47,6 +50,7 @@ pub fn log_log(title: &str, [x_name, y_name]: [&str; 2], curves: &[Curve]) -> St
     }
     for (number, curve) in curves.iter().enumerate() {
         let (color, dashes) = (COLORS[curve.markers % COLORS.len()], DASHES[curve.dashes % DASHES.len()]);
+        let fill = FILLS.get(curve.dashes % DASHES.len()).unwrap_or(&color);
         let style =
             format!("fill=\"none\" stroke=\"{color}\" stroke-width=\"1.6\" stroke-dasharray=\"{dashes}\"");
         let places: Vec<(f64, f64)> = curve.points.iter().map(|p| (x.place(p.0), y.place(p.1))).collect();
@@ -55,9 +59,9 @@ pub fn log_log(title: &str, [x_name, y_name]: [&str; 2], curves: &[Curve]) -> St
         let row = top + 12.0 + 22.0 * number as f64;
         line(&mut svg, (right + 14.0, row), (right + 58.0, row), &style);
         for place in places.into_iter().chain([(right + 36.0, row)]) {
-            marker(&mut svg, place, curve.markers, color);
+            marker(&mut svg, place, curve.markers, (color, fill));
         }
-        text(&mut svg, (right + 66.0, row + 4.0), " text-anchor=\"start\"", &curve.name);
+        text(&mut svg, (right + 66.0, row + 4.0), "", &curve.name);
     }
     svg.push_str("</svg>\n");
     svg
@@ -100,16 +104,16 @@ fn text(svg: &mut String, (x, y): (f64, f64), style: &str, text: &str) {
 
 fn power(svg: &mut String, (x, y): (f64, f64), of_ten: i32) {
     let raised = format!("10<tspan dy=\"-6\" font-size=\"10\">{of_ten}</tspan>");
-    let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\">{raised}</text>");
+    let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{y:.1}\"{MIDDLE}>{raised}</text>");
 }
 
-fn marker(svg: &mut String, (x, y): (f64, f64), number: usize, color: &str) {
+fn marker(svg: &mut String, (x, y): (f64, f64), number: usize, (color, fill): (&str, &str)) {
     let shape =
         ["m-4 0a4 4 0 1 0 8 0a4 4 0 1 0 -8 0z", "m-4 -4h8v8h-8z", "m0 -5l5 9h-10z", "m0 -6l5 6l-5 6l-5 -6z"];
     let shape = shape[number % shape.len()];
     let _ = writeln!(
         svg,
-        "<path d=\"M{x:.1} {y:.1}{shape}\" fill=\"white\" stroke=\"{color}\" stroke-width=\"1.6\"/>"
+        "<path d=\"M{x:.1} {y:.1}{shape}\" fill=\"{fill}\" stroke=\"{color}\" stroke-width=\"1.6\"/>"
     );
 }
 
