@@ -20,6 +20,7 @@ pub struct ImageSettings {
     pub min_weight: f64,
     pub filter: Filter,
     pub encoding: Encoding,
+    pub show: Show,
 }
 
 impl Default for ImageSettings {
@@ -42,6 +43,7 @@ impl ImageSettings {
             min_weight: 0.0,
             filter: Filter::Box,
             encoding: Encoding::Srgb,
+            show: Show::Scene,
         }
     }
 }
@@ -98,12 +100,24 @@ pub enum Encoding {
     Linear,
 }
 
+/// What is seen of the scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Show {
+    /// All of it.
+    #[default]
+    Scene,
+    /// The bounding sphere of each object, in the colour of its material, but for those around the camera.
+    Bounds,
+}
+
 /// How the image is computed: nothing here changes a byte of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunSettings {
     pub accel: AccelKind,
     pub build: BuildSettings,
     pub split: Split,
+    pub within: Within,
     /// Edge of a tile in pixels, 1 ..= 4096.
     pub tile_size: u32,
     /// How a split that deals all pixels at once does so.
@@ -123,6 +137,7 @@ impl Default for RunSettings {
             accel: AccelKind::Bvh,
             build: BuildSettings::default(),
             split: Split::Tiles,
+            within: Within::Rays,
             tile_size: 32,
             deal: Deal::default(),
             ray_memory: RunSettings::RAY_MEMORY,
@@ -138,6 +153,8 @@ pub enum AccelKind {
     Bvh,
     /// A uniform grid.
     Grid,
+    /// A bounding sphere around each object, of which then everything is tested.
+    Spheres,
     /// Every primitive is tested: a check, not a way to render.
     Brute,
 }
@@ -211,4 +228,14 @@ pub enum Deal {
     Interleaved,
     /// To each rank an unbroken run.
     Blocks,
+}
+
+/// How a rank's threads divide what the rank has to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Within {
+    /// Each has tiles of its own, and all primitives.
+    Rays,
+    /// Each has a part of the primitives, and all rays: batch by batch they are put to all parts at once.
+    Triangles,
 }

@@ -128,6 +128,51 @@ fn formats_hold_the_same_image_and_files_are_the_same_bytes_again() {
 }
 
 #[test]
+fn bounds_are_shown_by_every_structure_alike() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene("teapot.toml");
+    let show = |output: &str, more: &[&str]| {
+        let flags = ["render", &scene, "--width", "60", "-o", output];
+        let output = heliostat(folder.path(), &[&flags, more].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    let bounds = ["--show", "bounds", "--accel"];
+    assert!(!show("scene.png", &[]).contains("warning"));
+    // The table's sphere is all around.
+    assert!(show("bvh.png", &[&bounds[..], &["bvh"]].concat()).contains("which are left out: 1"));
+    show("spheres.png", &[&bounds[..], &["spheres"]].concat());
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert!(read("bvh.png") == read("spheres.png"));
+    let output = heliostat(folder.path(), &["compare", "scene.png", "bvh.png", "--max-rmse", "0.02"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+}
+
+#[test]
+fn strategies_are_measured_and_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let flags = ["bench", "strategies", "--levels", "0,2", "--objects", "3", "--side", "16", "--rounds", "1"];
+    let run = |more: &[&str]| {
+        let output = heliostat(folder.path(), &[&flags, more].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let table = run(&["--threads", "2", "--plot", "plot.svg"]);
+    assert_eq!(table.lines().count(), 2 + 2 * 3, "{table}");
+    assert!(table.contains("      960  spheres") && !table.contains("left out"), "{table}");
+    let svg = std::fs::read_to_string(folder.path().join("plot.svg")).unwrap();
+    assert_eq!(svg.matches("<polyline").count(), 9);
+    // All that takes time at all takes too long.
+    let json = run(&["--json", "--accel", "brute,grid", "--limit", "1e-9"]);
+    let rows: Vec<serde_json::Value> = json.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(rows.len(), 2 * 2 * 3);
+    assert!(rows.iter().all(|row| row["seconds"].is_null() && row["left_out_s"].as_f64() > Some(0.0)));
+    refuses(&["bench", "strategies", "--levels", "12"], 2, &["--levels", "0..=11"]);
+    refuses(&["bench", "strategies", "--limit", "0"], 2, &["--limit", "above 0"]);
+    refuses(&["bench", "strategies", "--plot", "no/such/a.svg"], 1, &["no/such"]);
+}
+
+#[test]
 fn wrong_flags_are_usage_errors() {
     let spheres = scene("orthographic.toml");
     refuses(&["render"], 2, &["<SCENE>"]);

@@ -17,7 +17,7 @@ use heliostat::job::{self, Crew, Work};
 use heliostat::output::progress::ProgressKind;
 use heliostat::output::stats::RankStats;
 use heliostat::output::timeline::Timeline;
-use heliostat::settings::{AccelKind, BuildSettings, Deal, RunSettings, Split};
+use heliostat::settings::{AccelKind, BuildSettings, Deal, RunSettings, Split, Within};
 
 /// Set for the processes that are ranks.
 const RANK_PROCESS: &str = "HELIOSTAT_TEST_RANK";
@@ -82,6 +82,8 @@ fn render_all(comm: &dyn Comm) -> Result<()> {
                 work.run = RunSettings {
                     accel: way.accel,
                     split: way.split,
+                    // The second way is over triangles.
+                    within: if number == 1 { Within::Triangles } else { Within::Rays },
                     tile_size: way.tile_size,
                     deal: way.deal,
                     ray_memory: way.ray_memory,

@@ -11,7 +11,7 @@ use heliostat::cluster::comm::memory;
 use heliostat::image::Image;
 use heliostat::job::Work;
 use heliostat::output::write::{Format, WriteOptions, encode};
-use heliostat::settings::{AccelKind, BuildSettings, Crop, RunSettings, Split};
+use heliostat::settings::{AccelKind, BuildSettings, Crop, RunSettings, Split, Within};
 
 #[test]
 fn threads_and_tiles_change_nothing() {
@@ -98,6 +98,68 @@ fn a_converted_scene_is_the_same() {
         assert_eq!(converted.image, work.image);
         let expected = fingerprint(&render(&work, 2));
         assert_eq!(fingerprint(&render(&converted, 2)), expected, "{}", name(&scene));
+    }
+}
+
+#[test]
+fn bounding_spheres_see_the_same() {
+    for scene in scenes() {
+        let mut work = small_work(&scene, AccelKind::Bvh);
+        work.image.spp = 1;
+        let expected = fingerprint(&render(&work, 2));
+        work.run.accel = AccelKind::Spheres;
+        work.accel = Accel::build(AccelKind::Spheres, BuildSettings::default(), &work.scene.surfaces);
+        assert_eq!(fingerprint(&render(&work, 2)), expected, "{}", name(&scene));
+    }
+}
+
+#[test]
+fn threads_over_triangles_see_the_same() {
+    for scene in scenes() {
+        let mut work = small_work(&scene, AccelKind::Bvh);
+        work.image.spp = 1;
+        let expected = fingerprint(&render(&work, 2));
+        let is_large = work.scene.surfaces.len() > 20_000;
+        work.run.within = Within::Triangles;
+        for (accel, threads) in
+            [(AccelKind::Bvh, 3), (AccelKind::Grid, 2), (AccelKind::Spheres, 3), (AccelKind::Brute, 2)]
+        {
+            if !(is_large && accel == AccelKind::Brute) {
+                work.run.accel = accel;
+                work.accel = Accel::empty(accel);
+                assert_eq!(fingerprint(&render(&work, threads)), expected, "{} {accel:?}", name(&scene));
+            }
+        }
+    }
+}
+
+/// What one rank does; rank 0 gives the work and gets the image.
+fn render_rank(comm: &dyn Comm, work: &Work) -> Option<Image> {
+    render_as(comm, if comm.rank() == 0 { work.clone() } else { Work::default() }, 2)
+}
+
+#[test]
+fn ranks_get_spheres_and_divide_them_by_themselves() {
+    let mut work = small_work(&repository().join("scenes/shading.toml"), AccelKind::Bvh);
+    let expected = fingerprint(&render(&work, 2));
+    for (accel, within) in [
+        (AccelKind::Spheres, Within::Rays),
+        (AccelKind::Spheres, Within::Triangles),
+        (AccelKind::Bvh, Within::Triangles),
+    ] {
+        (work.run.accel, work.run.within) = (accel, within);
+        work.accel = match within {
+            Within::Rays => Accel::build(accel, BuildSettings::default(), &work.scene.surfaces),
+            Within::Triangles => Accel::empty(accel),
+        };
+        let image = std::thread::scope(|scope| {
+            let work = &work;
+            let ranks =
+                memory::group(3).into_iter().map(|comm| scope.spawn(move || render_rank(&comm, work)));
+            let ranks: Vec<_> = ranks.collect();
+            ranks.into_iter().filter_map(|rank| rank.join().unwrap()).next().expect("rank 0 gets the image")
+        });
+        assert_eq!(fingerprint(&image), expected, "{accel:?} {within:?}");
     }
 }
 

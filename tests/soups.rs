@@ -10,7 +10,7 @@ use heliostat::scene::Surfaces;
 use heliostat::settings::{AccelKind, BuildPreset};
 use proptest::prelude::*;
 
-const ACCELS: [AccelKind; 3] = [AccelKind::Bvh, AccelKind::Grid, AccelKind::Brute];
+const ACCELS: [AccelKind; 4] = [AccelKind::Bvh, AccelKind::Grid, AccelKind::Spheres, AccelKind::Brute];
 
 /// Lattice points make edges, vertices and planes coincide; the others make slivers, specks and plain triangles.
 fn vertex() -> impl Strategy<Value = [f32; 3]> {
@@ -63,14 +63,18 @@ proptest! {
         let surfaces = Surfaces {
             positions: triangles.concat().into(),
             triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            objects: (0..triangles.len() as u32).step_by(7).collect(),
             ..Surfaces::default()
         };
         let [a, b] = ends.map(|end| DVec3::from(end) * 4.0 + aside);
         prop_assume!(a != b);
-        for kind in ACCELS {
-            let accel = Accel::build(kind, BuildPreset::Balanced, &surfaces);
+        let whole = ACCELS.map(|kind| Accel::build(kind, BuildPreset::Balanced, &surfaces));
+        let divided = ACCELS.map(|kind| Accel::divide(kind, BuildPreset::Balanced, &surfaces, 3));
+        let expected = passed(&Accel::Brute, &surfaces, a, b);
+        for accel in whole.into_iter().chain(divided) {
             let mut there = passed(&accel, &surfaces, a, b);
             let mut back = passed(&accel, &surfaces, b, a);
+            prop_assert_eq!(&there, &expected);
             there.sort_unstable();
             back.sort_unstable();
             prop_assert_eq!(there, back);

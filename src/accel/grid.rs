@@ -12,7 +12,7 @@ use super::tester::Tester;
 use super::wide::level::Level;
 use super::wide::sieve::Sieve;
 use super::wide::tree::WIDTH;
-use super::{brute, solid};
+use super::{bounds, brute, solid};
 use crate::geometry::record::Answer;
 use crate::geometry::{NONE, Ray};
 use crate::memory::{Array, HugeArray};
@@ -36,16 +36,18 @@ pub struct Grid {
 
 impl Grid {
     /// Builds over all primitives but triangles without area, with about `density` cells for each. On the current rayon pool; the same grid for any number of threads.
-    pub fn build(surfaces: &Surfaces, mut density: f64) -> Grid {
-        let ids = solid(surfaces);
-        let Some((low, high)) = surfaces.bounds().filter(|_| !ids.is_empty()) else {
-            return Grid::default();
-        };
+    pub fn build(surfaces: &Surfaces, density: f64) -> Grid {
+        Grid::build_over(surfaces, &solid(surfaces), density)
+    }
+
+    /// The same over these primitives.
+    pub fn build_over(surfaces: &Surfaces, ids: &[u32], mut density: f64) -> Grid {
+        let Some((low, high)) = bounds(surfaces, ids) else { return Grid::default() };
         let (low, high) = (low.to_array(), high.to_array());
         loop {
             let lattice = Lattice::over(low, high, density * ids.len() as f64);
             let mut grid = Grid { lattice, ..Grid::default() };
-            if grid.fill(surfaces, &ids) {
+            if grid.fill(surfaces, ids) {
                 return grid;
             }
             // More entries than can be numbered: large primitives in small cells.
@@ -133,7 +135,8 @@ impl Grid {
             return Answer::MISS;
         }
         if !self.lattice.serves(ray.origin.to_array()) {
-            return brute::answer(surfaces, ray, any);
+            // Some more than once, which changes nothing.
+            return brute::answer(surfaces, self.primitives.iter().copied(), ray, any);
         }
         let mut tester = Tester::new(surfaces, ray);
         self.walk(&mut tester, any);

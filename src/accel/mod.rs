@@ -1,10 +1,12 @@
 //! Closest hits and occlusion over the surfaces of a scene. Knows no material, light or rank.
 
 mod brute;
+pub mod divided;
 pub mod grid;
 pub mod lattice;
 pub mod partition;
 pub mod route;
+pub mod spheres;
 mod tester;
 pub mod wide;
 
@@ -13,8 +15,11 @@ use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 use crate::settings::{AccelKind, BuildSettings};
+use divided::Divided;
+use glam::DVec3;
 use grid::Grid;
 use rayon::prelude::*;
+use spheres::Spheres;
 use wide::Wide;
 use wide::level::Level;
 
@@ -23,7 +28,10 @@ use wide::level::Level;
 pub enum Accel {
     Bvh(Wide),
     Grid(Grid),
+    Spheres(Spheres),
     Brute,
+    /// Structures over parts of the primitives.
+    Divided(Divided),
 }
 
 /// The primitives that rays can meet: all but triangles without area. On the current rayon pool.
@@ -37,12 +45,26 @@ fn solid_ids(surfaces: &Surfaces) -> impl ParallelIterator<Item = u32> + '_ {
         .filter(|&id| surfaces.sphere_at(id).is_some() || has_area(&surfaces.triangle(id)))
 }
 
+/// Lower and upper corner of these primitives, or `None` if there are none. On the current rayon pool.
+fn bounds(surfaces: &Surfaces, ids: &[u32]) -> Option<(DVec3, DVec3)> {
+    ids.par_iter()
+        .flat_map_iter(|&id| surfaces.balls(id))
+        .map(|(center, radius)| (DVec3::from(center) - radius, DVec3::from(center) + radius))
+        .reduce_with(|(low, high), (l, h)| (low.min(l), high.max(h)))
+}
+
+/// The largest magnitude of a coordinate of these primitives.
+fn extent(surfaces: &Surfaces, ids: &[u32]) -> f64 {
+    bounds(surfaces, ids).map_or(0.0, |(low, high)| low.abs().max(high.abs()).max_element())
+}
+
 impl Accel {
     /// Nothing in it: to be filled by what another rank has built.
     pub fn empty(kind: AccelKind) -> Accel {
         match kind {
             AccelKind::Bvh => Accel::Bvh(Wide::default()),
             AccelKind::Grid => Accel::Grid(Grid::default()),
+            AccelKind::Spheres => Accel::Spheres(Spheres::default()),
             AccelKind::Brute => Accel::Brute,
         }
     }
@@ -51,7 +73,9 @@ impl Accel {
         match self {
             Accel::Bvh(_) => AccelKind::Bvh,
             Accel::Grid(_) => AccelKind::Grid,
+            Accel::Spheres(_) => AccelKind::Spheres,
             Accel::Brute => AccelKind::Brute,
+            Accel::Divided(divided) => divided.kind,
         }
     }
 
@@ -61,8 +85,19 @@ impl Accel {
         match kind {
             AccelKind::Bvh => Accel::Bvh(Wide::build(surfaces, build.preset)),
             AccelKind::Grid => Accel::Grid(Grid::build(surfaces, build.grid_density)),
+            AccelKind::Spheres => Accel::Spheres(Spheres::build(surfaces)),
             AccelKind::Brute => Accel::Brute,
         }
+    }
+
+    /// Builds such structures over so many parts of the primitives, which answer each batch of records side by side.
+    pub fn divide(
+        kind: AccelKind,
+        build: impl Into<BuildSettings>,
+        surfaces: &Surfaces,
+        parts: usize,
+    ) -> Accel {
+        Accel::Divided(Divided::build(kind, build.into(), surfaces, parts))
     }
 
     /// Bytes that building the structure takes beside the surfaces, about.
@@ -70,6 +105,7 @@ impl Accel {
         match kind {
             AccelKind::Bvh => surfaces.len() as u64 * wide::BYTES_TO_BUILD,
             AccelKind::Grid => surfaces.len() as u64 * grid::BYTES_TO_BUILD,
+            AccelKind::Spheres => surfaces.len() as u64 * spheres::BYTES_TO_BUILD,
             AccelKind::Brute => 0,
         }
     }
@@ -92,7 +128,9 @@ impl Accel {
                 answer[0]
             }
             Accel::Grid(grid) => grid.answer(surfaces, ray, any),
-            Accel::Brute => brute::answer(surfaces, ray, any),
+            Accel::Spheres(spheres) => spheres.answer(surfaces, ray, any),
+            Accel::Brute => brute::answer(surfaces, 0..surfaces.len() as u32, ray, any),
+            Accel::Divided(divided) => divided.answer(surfaces, ray, any),
         }
     }
 
@@ -100,11 +138,12 @@ impl Accel {
     pub fn trace(&self, surfaces: &Surfaces, records: &[RayRecord], answers: &mut Vec<Answer>) {
         answers.clear();
         match self {
+            Accel::Divided(divided) => divided.trace(surfaces, records, answers),
             Accel::Bvh(wide) => {
                 answers.resize(records.len(), Answer::MISS);
                 wide.trace(surfaces, records, answers);
             }
-            Accel::Grid(_) | Accel::Brute => answers.extend(
+            Accel::Grid(_) | Accel::Spheres(_) | Accel::Brute => answers.extend(
                 records
                     .iter()
                     .map(|record| self.single(surfaces, &record.ray(), record.query() == Query::Occluded)),
@@ -117,7 +156,9 @@ impl Accel {
         match self {
             Accel::Bvh(wide) => wide.memory(),
             Accel::Grid(grid) => grid.memory(),
+            Accel::Spheres(spheres) => spheres.memory(),
             Accel::Brute => 0,
+            Accel::Divided(divided) => divided.memory(),
         }
     }
 }

@@ -156,8 +156,13 @@ mod tests {
     use crate::scene::generate::terrain::Terrain;
 
     fn surfaces() -> Surfaces {
-        let mesh = Terrain { cells: 60, ..Terrain::default() }.mesh();
-        Surfaces { positions: mesh.positions.into(), triangles: mesh.triangles.into(), ..Surfaces::default() }
+        let terrain = Terrain { cells: 60, ..Terrain::default() };
+        let cells = (0..60).flat_map(|j| (0..60).map(move |i| (i, j)));
+        Surfaces {
+            positions: (0..61 * 61).map(|place| terrain.vertex(place % 61, place / 61).position).collect(),
+            triangles: cells.flat_map(|(i, j)| terrain.cell(i, j)).collect(),
+            ..Surfaces::default()
+        }
     }
 
     #[test]

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::print;
+use super::{print, strategies};
 use crate::accel::wide::level::{Level, Traversal};
 use crate::cluster::{Solo, threads};
 use crate::error::{Error, Result};
@@ -20,6 +20,8 @@ use crate::settings::BuildPreset;
 pub enum Command {
     /// Rays in a second, by class of rays, traversal and level of instructions.
     Kernels(KernelsArgs),
+    /// One thread, threads over triangles and threads over rays, by number of triangles and structure.
+    Strategies(strategies::Args),
 }
 
 #[derive(Debug, clap::Args)]

@@ -7,6 +7,7 @@ mod info;
 mod manual;
 mod probe;
 mod render;
+mod strategies;
 mod stress;
 mod validate;
 
@@ -110,6 +111,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Probe(args)) => probe::run(&args),
         Some(Command::Bench(bench::Command::Kernels(args))) => bench::kernels(&args),
+        Some(Command::Bench(bench::Command::Strategies(args))) => strategies::run(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
         Some(Command::Render(_) | Command::Stress(_)) | None => Ok(()),
@@ -155,8 +157,14 @@ fn build_accel(
     surfaces: &Surfaces,
     scene: &Path,
 ) -> Result<Accel> {
-    match Budget::of_machine().lacks(Accel::memory_to_build(kind, surfaces)) {
-        None => Ok(Accel::build(kind, build, surfaces)),
+    afford(Accel::memory_to_build(kind, surfaces), surfaces, scene)?;
+    Ok(Accel::build(kind, build, surfaces))
+}
+
+/// Whether there are so many bytes for the accelerator of the scene in the file `scene`.
+fn afford(bytes: u64, surfaces: &Surfaces, scene: &Path) -> Result<()> {
+    match Budget::of_machine().lacks(bytes) {
+        None => Ok(()),
         Some(shortage) => Err(Error::scene(
             scene,
             None,

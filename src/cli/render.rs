@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use super::{note, warn};
-use crate::accel::Accel;
+use crate::accel::{Accel, divided};
 use crate::cluster::share;
 use crate::cluster::{self, Comm, threads};
 use crate::error::{Error, Result};
@@ -19,7 +19,7 @@ use crate::output::{file, metadata};
 use crate::scene::load::{self, ImageDefaults};
 use crate::settings::{
     AccelKind, BuildPreset, BuildSettings, Crop, Deal, Encoding, Filter, ImageSettings, Integrator,
-    RunSettings, Split,
+    RunSettings, Show, Split, Within,
 };
 
 #[derive(Debug, clap::Args)]
@@ -66,6 +66,9 @@ pub struct Args {
     /// Render only pixels X0 <= x < X1, Y0 <= y < Y1; row 0 is on top
     #[arg(long, value_name = "X0,Y0,X1,Y1", env = "HELIOSTAT_CROP", value_parser = crop, help_heading = "Image")]
     crop: Option<Crop>,
+    /// What is seen: the scene, or the bounding spheres of its objects
+    #[arg(long, env = "HELIOSTAT_SHOW", default_value = "scene", help_heading = "Image")]
+    show: Show,
     /// The structure that finds hits; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_ACCEL", default_value = "bvh", help_heading = "Run")]
     accel: AccelKind,
@@ -84,6 +87,9 @@ pub struct Args {
     /// Memory of each rank for rays that travel, with --split triangles or voxels; more rays wait in temporary files
     #[arg(long, value_name = "BYTES", env = "HELIOSTAT_RAY_MEMORY", default_value = "256M", value_parser = bytes, help_heading = "Run")]
     ray_memory: u64,
+    /// How the threads of a rank divide its work; never changes a byte of the image
+    #[arg(long, env = "HELIOSTAT_WITHIN", default_value = "rays", help_heading = "Run")]
+    within: Within,
     /// Threads of each rank [env: HELIOSTAT_THREADS, each rank's own] [default: the processors, divided among the ranks that share them]
     #[arg(long, value_name = "N", help_heading = "Run")]
     threads: Option<NonZeroUsize>,
@@ -180,14 +186,33 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     stats.seconds.load = begin.elapsed().as_secs_f64();
     let image = image_settings(&args, &loaded.image)?;
     loaded.fit(image.width, image.height);
+    if image.show == Show::Bounds {
+        let (spheres, left_out) = loaded.scene.bounding_spheres();
+        loaded.scene = spheres;
+        if left_out > 0 {
+            let what = format!(
+                "{}: the camera is inside bounding spheres, which are left out: {left_out}",
+                args.scene.display()
+            );
+            loaded.warnings.push(what);
+        }
+    }
     let run = RunSettings {
         accel: args.accel,
         build: BuildSettings { preset: args.build, grid_density: args.grid_density },
         split: args.split,
+        within: args.within,
         tile_size: args.tile_size,
         deal: args.deal,
         ray_memory: args.ray_memory,
     };
+    if run.split.is_partitioned() && run.within == Within::Triangles {
+        return Err(Error::usage(
+            "--within",
+            "triangles divides the whole scene, of which ranks have only a part with this --split",
+            "leave it out, or give --split tiles or stream",
+        ));
+    }
     if !errand.quiet {
         warn(&loaded.warnings);
     }
@@ -196,10 +221,18 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     }
     let begin = Instant::now();
     let _span = timeline.span(0, "build");
-    // A part of the scene gets its structure where it is.
-    let accel = match run.split.is_partitioned() {
-        true => Accel::Brute,
-        false => super::build_accel(run.accel, run.build, &loaded.scene.surfaces, &args.scene)?,
+    let surfaces = &loaded.scene.surfaces;
+    let accel = match run.within {
+        // A part of the scene gets its structure where it is.
+        Within::Rays if run.split.is_partitioned() => Accel::empty(run.accel),
+        Within::Rays => super::build_accel(run.accel, run.build, surfaces, &args.scene)?,
+        // Each rank builds for its own threads.
+        Within::Triangles => {
+            let needed = Accel::memory_to_build(run.accel, surfaces)
+                + divided::BYTES_TO_DIVIDE * surfaces.len() as u64;
+            super::afford(needed, surfaces, &args.scene)?;
+            Accel::empty(run.accel)
+        }
     };
     stats.seconds.build = begin.elapsed().as_secs_f64();
     Ok((Work { scene: loaded.scene, accel, image, run, division: None }, errand))
@@ -252,6 +285,7 @@ fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
         min_weight: args.min_weight.or(scene.min_weight).unwrap_or(default.min_weight),
         filter: args.filter.or(scene.filter).unwrap_or(default.filter),
         encoding: args.encoding.or(scene.encoding).unwrap_or(default.encoding),
+        show: args.show,
     })
 }
 

@@ -30,7 +30,7 @@ pub struct Args {
     #[arg(long, value_name = "N", env = "HELIOSTAT_SEED", default_value_t = 0)]
     seed: u64,
     /// The structures that must give the same exact answers; may be repeated
-    #[arg(long, value_delimiter = ',', default_value = "bvh,grid,brute")]
+    #[arg(long, value_delimiter = ',', default_value = "bvh,grid,spheres,brute")]
     accel: Vec<AccelKind>,
     /// Trace these models, too; may be repeated
     #[arg(long, value_name = "FILE.obj")]

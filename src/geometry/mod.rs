@@ -3,6 +3,7 @@
 //! Vertices and boxes are f32, rays are f64. [`triangle::intersect`] and [`sphere::intersect`] are the definition of a
 //! hit; every structure and kernel answers exactly as they do. Nothing here fuses multiply and add.
 
+pub mod bounding;
 pub mod bounds;
 pub mod position;
 pub mod record;

@@ -22,7 +22,7 @@ use crate::render::filter::FilterTable;
 use crate::render::tile::Tiling;
 use crate::render::{RayTally, Renderer, cost};
 use crate::scene::Scene;
-use crate::settings::{ImageSettings, RunSettings, Split};
+use crate::settings::{ImageSettings, RunSettings, Split, Within};
 use crate::wire;
 
 pub use partition::Division;
@@ -60,9 +60,28 @@ pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Opt
     }))
 }
 
+/// Structures over parts of the primitives, one for each of this rank's threads.
+fn divide(crew: &Crew, work: &Work, stats: &mut RankStats) -> Accel {
+    let _span = crew.timeline.span(0, "build");
+    let begin = Instant::now();
+    let (run, surfaces) = (&work.run, &work.scene.surfaces);
+    let parts = crew.pool.current_num_threads();
+    let accel = crew.pool.install(|| Accel::divide(run.accel, run.build, surfaces, parts));
+    stats.seconds.build += begin.elapsed().as_secs_f64();
+    accel
+}
+
+/// Does `work` in a pool while this thread of another one waits. By itself rayon would let it take up other work meanwhile, the next tile.
+fn waiting_for<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
+    let done = std::thread::scope(|scope| scope.spawn(|| pool.install(work)).join());
+    done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
 /// Splits `tiles` and `stream`: the ranks render screen tiles, and rank 0 gathers their films. It deals them on demand, the costliest first, or all at once.
+/// Within ranks over triangles the work's accelerator isn't used: each rank builds its own.
 fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<Film>> {
-    let renderer = &Renderer::new(&work.scene, &work.accel, &work.image);
+    let divided = (work.run.within == Within::Triangles).then(|| divide(crew, work, stats));
+    let renderer = &Renderer::new(&work.scene, divided.as_ref().unwrap_or(&work.accel), &work.image);
     let tiling = &Tiling::new(work.image.crop, work.run.tile_size);
     let leads = crew.comm.rank() == 0;
     let begin = Instant::now();
@@ -77,11 +96,21 @@ fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<
         Plan::new((0..).zip(costs))
     });
 
+    // Where the threads share each batch of rays, tiles come one at a time.
+    let one = match work.run.within {
+        Within::Rays => None,
+        Within::Triangles => Some(thread_pool(1)?),
+    };
+
     // All ranks render; tiles come home as they are done.
     let tally = RayTally::default();
     let render = |index: u32, bytes: &mut Vec<u8>| {
         let _span = crew.timeline.span(1 + rayon::current_thread_index().unwrap_or(0) as u32, "tile");
-        let (tile_film, rays) = renderer.tile(tiling.tile(index));
+        let tile = tiling.tile(index);
+        let (tile_film, rays) = match one {
+            None => renderer.tile(tile),
+            Some(_) => waiting_for(crew.pool, || renderer.tile(tile)),
+        };
         bytes.extend_from_slice(tile_film.as_bytes());
         tally.add(&rays);
     };
@@ -97,11 +126,12 @@ fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<
         crew.progress.advance((now.done - shown) as u64);
         shown = now.done;
     };
+    let pool = one.as_ref().unwrap_or(crew.pool);
     let dealt = if on_demand {
-        deal::run(crew.comm, crew.pool, plan.as_ref(), &render, &mut deposit, &mut tick)?
+        deal::run(crew.comm, pool, plan.as_ref(), &render, &mut deposit, &mut tick)?
     } else {
         let own = partition::dealt_tiles(tiling, work.run.deal, crew.comm.rank(), crew.comm.size());
-        deal::run_fixed(crew.comm, crew.pool, &own, &render, &mut deposit, &mut tick)?
+        deal::run_fixed(crew.comm, pool, &own, &render, &mut deposit, &mut tick)?
     };
     if leads {
         crew.progress.end();
@@ -162,7 +192,10 @@ pub fn wide_pool(comm: &dyn Comm, own: &ThreadPool) -> Result<Option<ThreadPool>
 /// The system gives no threads.
 pub fn render_alone(scene: Scene, image: ImageSettings, run: RunSettings) -> Result<Image> {
     let pool = thread_pool(std::thread::available_parallelism().map_or(1, |n| n.get()))?;
-    let accel = pool.install(|| Accel::build(run.accel, run.build, &scene.surfaces));
+    let accel = match run.within {
+        Within::Rays => pool.install(|| Accel::build(run.accel, run.build, &scene.surfaces)),
+        Within::Triangles => Accel::empty(run.accel),
+    };
     let mut work = Work { scene, accel, image, run, division: None };
     let progress = ProgressKind::None.start();
     let timeline = &Timeline::off();

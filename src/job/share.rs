@@ -43,13 +43,19 @@ impl Work {
             self.accel = Accel::empty(self.run.accel);
         }
         match &mut self.accel {
-            Accel::Brute => Ok(()),
+            // Parts are for a rank's own threads: each makes them of the scene that it gets.
+            Accel::Brute | Accel::Divided(_) => Ok(()),
             Accel::Bvh(wide) => {
                 share.value(&mut wide.low)?;
                 share.value(&mut wide.high)?;
                 share.value(&mut wide.tree.stack_size)?;
                 share.array(&mut wide.tree.nodes)?;
                 share.array(&mut wide.tree.blocks)
+            }
+            Accel::Spheres(spheres) => {
+                share.value(&mut spheres.extent)?;
+                share.array(&mut spheres.objects)?;
+                share.array(&mut spheres.blocks)
             }
             Accel::Grid(grid) => {
                 share.value(&mut grid.lattice)?;
@@ -106,6 +112,7 @@ fn share_arrays(scene: &mut Scene, share: Share) -> Result<()> {
     share.array(&mut surfaces.positions)?;
     share.array(&mut surfaces.triangles)?;
     share.array(&mut surfaces.spheres)?;
+    share.array(&mut surfaces.objects)?;
     share.array(&mut surfaces.normals)?;
     share.array(&mut surfaces.uvs)?;
     share.array(&mut surfaces.colors)?;

@@ -296,13 +296,15 @@ impl Court {
 
     /// Whether two triangles share a vertex or a plane, and `center`, which starts on one, starts where they hang together.
     ///
-    /// Triangles that share one vertex may also pierce each other elsewhere: no rounded start on that line can tell on which side of the other it lies.
+    /// Triangles that share one vertex may also pierce each other, elsewhere or along a line from that vertex: no rounded start on that line can tell on which
+    /// side of the other it lies.
     fn belongs(&self, center: &ExactRay, primitive: u32, start: u32) -> bool {
         let [own, other] = [start, primitive].map(|id| &self.referee.triangles[id as usize]);
         let Some(shared) = own.iter().find(|v| other.contains(v)) else { return coplanar(own, other) };
         let sides = sides(other, own);
+        let bound = self.referee.aside(center);
         !(sides.contains(&1) && sides.contains(&-1))
-            || center.distance(*shared) <= 64.0 * self.referee.aside(center)
+            || (center.distance(*shared) <= 64.0 * bound && center.distance_from_plane(other) > bound)
     }
 }
 
@@ -339,4 +341,27 @@ fn sides(one: &[[f32; 3]; 3], other: &[[f32; 3]; 3]) -> [i32; 3] {
     let [a, b, c] = one.map(|v| exact(v.map(f64::from)));
     let normal = dyadic::cross(&dyadic::minus(&b, &a), &dyadic::minus(&c, &a));
     other.map(|v| dyadic::dot(&normal, &dyadic::minus(&exact(v.map(f64::from)), &a)).sign())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The second triangle pierces the first along a line from the vertex that they share. A start on that line, next to the vertex, may lie on either side of it
+    /// as far as f64 knows.
+    #[test]
+    fn a_start_on_a_line_of_piercing_belongs_to_neither_side() {
+        let shared = [-0.49560547, 0.375, 0.125];
+        let own = [[-0.0048828125, 0.0, 0.375], [-0.0048828125, 0.0, -0.5], shared];
+        let other = [[0.4951172, 0.0, 0.0], shared, [-0.0048828125, 0.0, 0.125]];
+        let court = Court { referee: Referee::new(vec![own, other]), border: Vec::new() };
+        let direction = DVec3::new(0.1583845621334364, -0.12101521649123316, 0.9799334915469414);
+        let judge = |uv: [f64; 2], found| court.judge_spawned(0, uv, direction, found).verdict;
+        let on_the_line = [9.036230243879023e-14, 0.9999999999996837];
+        assert_eq!(judge(on_the_line, Some((1, 3.890176931192573e-17))), Verdict::TooClose);
+        assert_ne!(judge(on_the_line, None), Verdict::SelfHit);
+        // Beside that line, on the side to which the ray goes, the other triangle lies behind.
+        let beside = [3.0e-14, 0.9999999999996837];
+        assert_eq!(judge(beside, None), Verdict::Right);
+    }
 }

@@ -10,5 +10,6 @@ pub mod meshes;
 pub mod probe;
 pub mod referee;
 mod spheres;
+pub mod strategies;
 pub mod stress;
 pub mod tally;

@@ -186,6 +186,14 @@ impl ExactRay {
         self.near_origin.distance(DVec3::from(point.map(f64::from)))
     }
 
+    /// Distance of the origin from a triangle's plane: found exactly, then rounded.
+    pub fn distance_from_plane(&self, triangle: &[[f32; 3]; 3]) -> f64 {
+        let [a, b, c] = triangle.map(|v| exact(v.map(f64::from)));
+        let normal = dyadic::cross(&dyadic::minus(&b, &a), &dyadic::minus(&c, &a));
+        let length = DVec3::from(std::array::from_fn(|k| normal[k].approximate())).length();
+        dyadic::dot(&normal, &dyadic::minus(&self.origin, &a)).approximate().abs() / length
+    }
+
     /// Length of the direction, as its largest component.
     pub fn length(&self) -> f64 {
         self.plain_direction.abs().max_element()

@@ -18,6 +18,7 @@ pub fn describe(image: &ImageSettings) -> Vec<(String, String)> {
         ("min_weight", image.min_weight.to_string()),
         ("filter", name(&image.filter)),
         ("encoding", name(&image.encoding)),
+        ("show", name(&image.show)),
     ]
     .map(|(key, value)| (key.to_owned(), value))
     .into()

@@ -9,6 +9,7 @@ pub mod file;
 mod format;
 pub mod metadata;
 pub mod pfm;
+pub mod plot;
 pub mod png;
 pub mod progress;
 pub mod read;

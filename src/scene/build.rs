@@ -39,6 +39,7 @@ impl Space<'_> {
                 uvs: Store::spilling(folder)?,
                 colors: Store::spilling(folder)?,
                 guests: Vec::new(),
+                objects: Vec::new(),
             }),
         }
     }
@@ -268,6 +269,7 @@ impl SceneBuilder {
         header
             .parts
             .extend(self.sphere_parts.into_iter().map(|part| Part { first: part.first + triangles, ..part }));
+        self.surfaces.objects = header.parts.iter().map(|part| part.first).collect();
         header.materials = self.materials;
         header.frame = frame;
         store_camera(&mut header.camera, &frame);

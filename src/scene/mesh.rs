@@ -66,6 +66,8 @@ pub struct Surfaces {
     /// Three indices into `positions` for each triangle.
     pub triangles: Store<[u32; 3]>,
     pub spheres: Store<Sphere>,
+    /// The first primitive of each object, ascending; what comes before the first is one more.
+    pub objects: Vec<u32>,
     /// Unit vertex normals of the parts that have them.
     pub normals: Store<[f32; 3]>,
     /// Texture coordinates; v grows upwards.
@@ -111,6 +113,20 @@ impl Surfaces {
             .chain(spheres)
             .map(|(center, radius)| (center - radius, center + radius))
             .reduce(|(low, high), (l, h)| (low.min(l), high.max(h)))
+    }
+
+    /// The number of the object that a primitive belongs to.
+    pub fn object(&self, primitive: u32) -> usize {
+        self.objects.partition_point(|&first| first <= primitive)
+    }
+
+    /// What spheres and boxes around a primitive must hold: the vertices of a triangle with radius 0; three times the same sphere.
+    #[inline]
+    pub fn balls(&self, primitive: u32) -> [([f64; 3], f64); 3] {
+        match self.sphere_at(primitive) {
+            Some(sphere) => [(sphere.center.map(f64::from), f64::from(sphere.radius)); 3],
+            None => self.triangle(primitive).map(|vertex| (vertex.map(f64::from), 0.0)),
+        }
     }
 
     /// The three vertices of a triangle id.

@@ -3,6 +3,7 @@
 //!
 //! Primitive ids: triangles first, in the order of the file (`0 .. triangles.len()`), then spheres.
 
+pub mod bounds;
 pub mod build;
 pub mod camera;
 mod files;

@@ -33,6 +33,7 @@ impl Scene {
             part.header.parts.push(Part { first, ..moved });
         }
         part.surfaces = arrays.into();
+        part.surfaces.objects = part.header.parts.iter().map(|part| part.first).collect();
         part.textures = vec![Texture::default(); self.textures.len()];
         for Part { material, .. } in &part.header.parts {
             if let Some(texture) = self.header.materials[*material as usize].texture {
@@ -92,6 +93,7 @@ impl From<Arrays> for Surfaces {
             uvs: uvs.into(),
             colors: colors.into(),
             guests: Vec::new(),
+            objects: Vec::new(),
         }
     }
 }

@@ -57,7 +57,11 @@ thread_local! {
 impl Wide {
     /// Builds over all primitives but triangles without area. On the current rayon pool.
     pub fn build(surfaces: &Surfaces, preset: BuildPreset) -> Wide {
-        let ids = solid(surfaces);
+        Wide::build_over(surfaces, &solid(surfaces), preset)
+    }
+
+    /// Builds over these primitives.
+    pub fn build_over(surfaces: &Surfaces, ids: &[u32], preset: BuildPreset) -> Wide {
         if ids.is_empty() {
             return Wide::default();
         }
@@ -78,7 +82,7 @@ impl Wide {
         if reinsertion > 0.0 {
             ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
         }
-        let tree = collapse::collapse(&binary, &ids, surfaces);
+        let tree = collapse::collapse(&binary, ids, surfaces);
         let root = &binary.nodes[0];
         Wide { tree, low: root.min.to_array(), high: root.max.to_array() }
     }

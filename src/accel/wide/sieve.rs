@@ -3,8 +3,8 @@
 use super::filter::{FilterRay, holds};
 use super::lanes::{Eight, Plain};
 use super::level::Level;
-use super::tree::{WIDTH, put};
-use crate::geometry::{Prepared, norm_max, round_down, round_up};
+use super::tree::{Block, WIDTH, put};
+use crate::geometry::{NONE, Prepared, norm_max, round_down, round_up};
 use crate::scene::Surfaces;
 
 /// A ray that sifts primitives.
@@ -17,8 +17,10 @@ pub struct Sieve {
 }
 
 /// Primitives side by side, as in a block.
+type Corners = [[[f32; WIDTH]; 3]; 3];
+
 #[repr(align(32))]
-struct Corners([[[f32; WIDTH]; 3]; 3]);
+struct Aligned(Corners);
 
 impl Sieve {
     /// `extent` is the largest magnitude of a coordinate of the scene's box.
@@ -34,26 +36,45 @@ impl Sieve {
         let wanted = (1u32 << ids.len()) - 1;
         let Some(&first) = ids.first().filter(|_| self.holds) else { return wanted };
         let are_spheres = surfaces.sphere_at(first).is_some();
-        let mut corners = Corners([[[0.0; WIDTH]; 3]; 3]);
+        let mut corners = Aligned([[[0.0; WIDTH]; 3]; 3]);
         for (lane, &id) in ids.iter().enumerate() {
             put(&mut corners.0, lane, surfaces, id);
         }
+        // SAFETY: these corners are aligned.
+        unsafe { self.sift(&corners.0, are_spheres, limit, wanted) }
+    }
+
+    /// The same of a block, whose missing primitives are [`NONE`].
+    #[inline]
+    pub fn survivors_of(&self, block: &Block, are_spheres: bool, limit: f64) -> u32 {
+        let wanted = (0..WIDTH).fold(0, |wanted, lane| wanted | u32::from(block.ids[lane] != NONE) << lane);
+        if !self.holds {
+            return wanted;
+        }
+        // SAFETY: a block is aligned to 64 bytes and begins with its corners.
+        unsafe { self.sift(&block.corners, are_spheres, limit, wanted) }
+    }
+
+    /// # Safety
+    /// The corners are aligned to 32 bytes.
+    #[inline]
+    unsafe fn sift(&self, corners: &Corners, are_spheres: bool, limit: f64, wanted: u32) -> u32 {
         let limit = round_up(limit);
-        // SAFETY: only levels that the processor has are made sieves for.
+        // SAFETY: only levels that the processor has are made sieves for; the rest is the caller's promise.
         let out = unsafe {
             match self.level {
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx2 => self.out_avx2(&corners, are_spheres, limit, wanted),
+                Level::Avx2 => self.out_avx2(corners, are_spheres, limit, wanted),
                 #[cfg(target_arch = "x86_64")]
-                Level::Avx512 => self.out_avx512(&corners, are_spheres, limit, wanted),
-                _ => self.out::<Plain>(&corners, are_spheres, limit, wanted),
+                Level::Avx512 => self.out_avx512(corners, are_spheres, limit, wanted),
+                _ => self.out::<Plain>(corners, are_spheres, limit, wanted),
             }
         };
         wanted & !out
     }
 
     /// # Safety
-    /// The processor has AVX2 and FMA.
+    /// The processor has AVX2 and FMA; the corners are aligned to 32 bytes.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma")]
     unsafe fn out_avx2(&self, corners: &Corners, are_spheres: bool, limit: f32, wanted: u32) -> u32 {
@@ -62,7 +83,7 @@ impl Sieve {
     }
 
     /// # Safety
-    /// The processor has AVX-512 F, VL, DQ and BW.
+    /// The processor has AVX-512 F, VL, DQ and BW; the corners are aligned to 32 bytes.
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
     unsafe fn out_avx512(&self, corners: &Corners, are_spheres: bool, limit: f32, wanted: u32) -> u32 {
@@ -71,15 +92,15 @@ impl Sieve {
     }
 
     /// # Safety
-    /// The level's instructions are there.
+    /// The level's instructions are there; the corners are aligned to 32 bytes.
     #[inline(always)]
     unsafe fn out<E: Eight>(&self, corners: &Corners, are_spheres: bool, limit: f32, wanted: u32) -> u32 {
-        // SAFETY: corners are aligned to 32 bytes; axes are below 3; the rest is the caller's promise.
+        // SAFETY: axes are below 3; the rest is the caller's promise.
         unsafe {
             if are_spheres {
-                self.filter.judge_spheres::<E>(&corners.0, self.t_min, limit, wanted).judged.out
+                self.filter.judge_spheres::<E>(corners, self.t_min, limit, wanted).judged.out
             } else {
-                self.filter.judge::<E>(&corners.0, self.t_min, limit, wanted).out
+                self.filter.judge::<E>(corners, self.t_min, limit, wanted).out
             }
         }
     }
