@@ -148,20 +148,24 @@ impl Grid {
         let (mut remembered, mut oldest) = ([NONE; REMEMBERED], 0);
         let sieve = Sieve::new(Level::chosen(), &ray, self.lattice.extent);
         let mut gathered = Gathered { ids: [NONE; WIDTH], count: 0 };
-        self.lattice.walk(&self.occupied, &ray, |cell, _| {
-            let number = self.lattice.number(cell);
-            let list = self.starts[number] as usize..self.starts[number + 1] as usize;
-            for &id in &self.primitives[list] {
-                if remembered.contains(&id) {
-                    continue;
+        self.lattice.walk(
+            &ray,
+            |block| self.occupied[block],
+            |cell, _| {
+                let number = self.lattice.number(cell);
+                let list = self.starts[number] as usize..self.starts[number + 1] as usize;
+                for &id in &self.primitives[list] {
+                    if remembered.contains(&id) {
+                        continue;
+                    }
+                    remembered[oldest] = id;
+                    oldest = (oldest + 1) % REMEMBERED;
+                    gathered.push(id, tester, &sieve);
                 }
-                remembered[oldest] = id;
-                oldest = (oldest + 1) % REMEMBERED;
-                gathered.push(id, tester, &sieve);
-            }
-            gathered.test(tester, &sieve);
-            (!(any && tester.found())).then_some(tester.t_best)
-        });
+                gathered.test(tester, &sieve);
+                (!(any && tester.found())).then_some(tester.t_best)
+            },
+        );
     }
 }
 

@@ -1,7 +1,7 @@
 //! A box cut into cells of one size, and the way of a ray through them (Amanatides and Woo 1987, "A Fast Voxel Traversal Algorithm for Ray Tracing").
 //! Knows which cells a primitive reaches into; must not know what is kept in a cell.
 //!
-//! No hit is lost: with Q = |origin|∞ + extent, u = 2^-53, a crossing of a plane is computed anew for each step (nothing adds up) and lies within 5uQ of where
+//! No hit is lost: with Q = |origin|∞ + extent, u = 2^-53, a crossing of a plane is computed anew for each step (nothing adds up) and lies within 8uQ of where
 //! it is, so the cells walked hold every point of the line to within that. Primitives are entered into all cells whose box, grown by 2^-30 of the extent, they reach (triangles: their
 //! boxes, as a triangle/box test would lose hits that graze it: their t is only known to lie in its box); that is more
 //! for origins up to 2^20 extents away ([`Lattice::serves`]). A walk ends where the next cell begins beyond the best hit by more than 2^-22 Q: t is
@@ -159,20 +159,25 @@ impl Lattice {
 
     /// Walks the cells along a ray and calls `visit` with each occupied one and its block, in order, until it answers `None` or the next cell lies
     /// beyond the t that it answered last, at first the ray's end. t is in units of the scaled direction. The ray's origin must be served.
+    ///
+    /// `occupied` tells the cells of a block that are to be visited, at each cell anew; a block without any is passed in one step.
     #[inline]
     pub fn walk(
         &self,
-        occupied: &[u64],
         ray: &Prepared,
+        occupied: impl Fn(usize) -> u64,
         mut visit: impl FnMut([u32; 3], usize) -> Option<f64>,
     ) {
         let (origin, direction) = (ray.origin, ray.direction);
-        let mut t_best = ray.t_max;
         let slack = (norm_max(origin) + self.extent) * SLACK;
-        let (mut enter, mut exit) = (ray.t_min - slack, t_best + slack);
-        let mut inverse = [0.0; 3];
+        let (mut enter, mut exit) = (ray.t_min - slack, ray.t_max + slack);
+        // Plane p of an axis is crossed at zero + p * width.
+        let (mut zero, mut width, mut per_length) = ([f64::INFINITY; 3], [0.0; 3], [0.0; 3]);
+        let (mut step, mut ahead, mut count) = ([-1; 3], [0; 3], [0; 3]);
         for axis in 0..3 {
-            let high = self.low[axis] + f64::from(self.counts[axis]) * self.size[axis];
+            count[axis] = self.counts[axis] as i32;
+            per_length[axis] = 1.0 / self.size[axis];
+            let high = self.low[axis] + f64::from(count[axis]) * self.size[axis];
             let (first, last) = (self.low[axis] - origin[axis], high - origin[axis]);
             if direction[axis] == 0.0 {
                 if first > slack || last < -slack {
@@ -180,69 +185,77 @@ impl Lattice {
                 }
                 continue;
             }
-            inverse[axis] = 1.0 / direction[axis];
-            let (first, last) = (first * inverse[axis], last * inverse[axis]);
-            enter = enter.max(first.min(last) - slack);
-            exit = exit.min(first.max(last) + slack);
+            if direction[axis] > 0.0 {
+                (step[axis], ahead[axis]) = (1, 1);
+            }
+            let inverse = 1.0 / direction[axis];
+            (zero[axis], width[axis]) = (first * inverse, self.size[axis] * inverse);
+            enter = enter.max(zero[axis].min(last * inverse) - slack);
+            exit = exit.min(zero[axis].max(last * inverse) + slack);
         }
         if enter > exit {
             return;
         }
-        // Where the ray leaves by the plane `plane` of an axis.
-        let crossing = |axis: usize, plane: i32| match direction[axis] == 0.0 {
-            true => f64::INFINITY,
-            false => ((self.low[axis] + f64::from(plane) * self.size[axis]) - origin[axis]) * inverse[axis],
+        let crossing = |axis: usize, plane: i32| zero[axis] + f64::from(plane) * width[axis];
+        // Truncation is floor where it matters: below 0 everything is clamped to 0.
+        let at = |axis: usize, t: f64| {
+            ((origin[axis] + t * direction[axis] - self.low[axis]) * per_length[axis]) as i32
         };
-        let counts = self.counts.map(|count| count as i32);
         let edge = BLOCK as i32;
-        let step = direction.map(|d| if d > 0.0 { 1 } else { -1 });
-        let ahead = direction.map(|d| i32::from(d > 0.0));
-        let mut cell: [i32; 3] =
-            std::array::from_fn(|axis| self.along(axis, origin[axis] + enter * direction[axis]) as i32);
-        let mut next: [f64; 3] = std::array::from_fn(|axis| crossing(axis, cell[axis] + ahead[axis]));
+        let row = (count[0] + edge - 1) / edge;
+        let layer = row * ((count[1] + edge - 1) / edge);
+        let (mut cell, mut next) = ([0; 3], [0.0; 3]);
+        for axis in 0..3 {
+            cell[axis] = at(axis, enter).clamp(0, count[axis] - 1);
+            next[axis] = crossing(axis, cell[axis] + ahead[axis]);
+        }
+        let mut end = exit;
         loop {
-            let (block, bit) = self.block(cell.map(|c| c as u32));
-            let bits = occupied[block];
+            let [x, y, z] = cell;
+            let block = (z / edge * layer + y / edge * row + x / edge) as usize;
+            let bit = (z % edge * edge + y % edge) * edge + x % edge;
+            let bits = occupied(block);
             if bits != 0 {
                 if bits >> bit & 1 == 1 {
-                    match visit(cell.map(|c| c as u32), block) {
-                        Some(t) => t_best = t,
+                    match visit([x as u32, y as u32, z as u32], block) {
+                        Some(t) => end = exit.min(t + slack),
                         None => return,
                     }
                 }
                 // Out of the cell.
                 let through = least(next);
-                if next[through] > exit.min(t_best + slack) {
+                if next[through] > end {
                     return;
                 }
                 cell[through] += step[through];
-                if cell[through] < 0 || cell[through] >= counts[through] {
+                if cell[through] < 0 || cell[through] >= count[through] {
                     return;
                 }
                 next[through] = crossing(through, cell[through] + ahead[through]);
                 continue;
             }
             // Out of the whole block, which is empty.
-            let low: [i32; 3] = std::array::from_fn(|axis| cell[axis] / edge * edge);
-            let out: [f64; 3] = std::array::from_fn(|axis| crossing(axis, low[axis] + edge * ahead[axis]));
+            let (mut low, mut out) = ([0; 3], [0.0; 3]);
+            for axis in 0..3 {
+                low[axis] = cell[axis] / edge * edge;
+                out[axis] = crossing(axis, low[axis] + edge * ahead[axis]);
+            }
             let through = least(out);
             let t = out[through];
-            if t > exit.min(t_best + slack) {
+            if t > end {
                 return;
             }
             for axis in 0..3 {
                 if axis == through {
                     cell[axis] = if ahead[axis] == 1 { low[axis] + edge } else { low[axis] - 1 };
-                    if cell[axis] < 0 || cell[axis] >= counts[axis] {
+                    if cell[axis] < 0 || cell[axis] >= count[axis] {
                         return;
                     }
-                } else if direction[axis] != 0.0 {
+                } else if ahead[axis] == 1 {
                     // The other coordinates have moved on too: never back, and not out of the block.
-                    let now = self.along(axis, origin[axis] + t * direction[axis]) as i32;
-                    cell[axis] = match ahead[axis] {
-                        1 => now.clamp(cell[axis], (low[axis] + edge).min(counts[axis]) - 1),
-                        _ => now.clamp(low[axis], cell[axis]),
-                    };
+                    cell[axis] = at(axis, t).min((low[axis] + edge).min(count[axis]) - 1).max(cell[axis]);
+                } else if direction[axis] != 0.0 {
+                    cell[axis] = at(axis, t).max(low[axis]).min(cell[axis]);
                 }
                 next[axis] = crossing(axis, cell[axis] + ahead[axis]);
             }

@@ -18,7 +18,7 @@ const FEWEST_PER_RANK: f64 = 4096.0;
 /// Most voxels that scenes get for being large, 2^24 where there are very many ranks.
 const MOST: f64 = (1u32 << 21) as f64;
 /// The weight of the rays that were looked at beside that of the primitives; memory is what this way of working is for.
-const RAYS_SHARE: f64 = 0.3;
+const RAYS_SHARE: f64 = 0.4;
 
 /// What lies where, before anything is anyone's.
 #[derive(Clone, Debug, Default)]
@@ -55,7 +55,7 @@ impl Survey {
     }
 
     /// Gives each block with something in it to one of `ranks`: runs along a Morton curve of about equal weight, which is that of the primitives and of the `looks`, rays that
-    /// tell how often blocks are looked into.
+    /// tell which blocks are looked at.
     pub fn divide(&self, ranks: usize, looks: &[Ray]) -> Voxels {
         let mut voxels = Voxels {
             lattice: self.lattice,
@@ -65,14 +65,15 @@ impl Survey {
         let mut visits = vec![0u32; self.occupied.len()];
         for ray in looks.iter().filter(|ray| self.lattice.serves(ray.origin.to_array())) {
             let prepared = Prepared::new(ray);
-            let mut last = usize::MAX;
-            self.lattice.walk(&self.occupied, &prepared, |_, block| {
-                if block != last {
+            // It is shaded, and shadow rays begin, where it first comes to something.
+            self.lattice.walk(
+                &prepared,
+                |block| self.occupied[block],
+                |_, block| {
                     visits[block] += 1;
-                    last = block;
-                }
-                Some(prepared.t_max)
-            });
+                    None
+                },
+            );
         }
         let sum = |counts: &[u32]| counts.iter().map(|&count| f64::from(count)).sum::<f64>().max(1.0);
         let (all_entries, all_visits) = (sum(&self.entries), sum(&visits));

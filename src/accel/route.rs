@@ -1,5 +1,7 @@
 //! Which rank a ray asks next where each has a part of the scene: by place, as the ray comes through the parts, or all in turn.
 
+use std::cell::Cell;
+
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
@@ -61,17 +63,14 @@ impl Voxels {
     /// The owner that the ray comes to after `hops` others.
     fn owner_after(&self, hops: usize, ray: &Ray, ranks: usize) -> Option<usize> {
         let prepared = Prepared::new(ray);
-        let mut seen = Seen::new(ranks);
-        let (mut last, mut count, mut found) = (NOBODY, 0, None);
-        self.lattice.walk(&self.occupied, &prepared, |_, block| {
-            let owner = self.owners[block];
-            if owner != last && seen.insert(owner) {
-                last = owner;
-                if count == hops {
-                    found = Some(owner as usize);
-                    return None;
-                }
-                count += 1;
+        let seen = Seen::new(ranks);
+        let mut found = None;
+        // Once an owner is counted its other blocks are as good as empty.
+        let others = |block: usize| if seen.holds(self.owners[block]) { 0 } else { self.occupied[block] };
+        self.lattice.walk(&prepared, others, |_, block| {
+            if seen.insert(self.owners[block]) == hops {
+                found = Some(self.owners[block] as usize);
+                return None;
             }
             Some(prepared.t_max)
         });
@@ -81,24 +80,30 @@ impl Voxels {
 
 /// A set of ranks, without any allocation for few.
 struct Seen {
-    few: u64,
-    more: Vec<u64>,
+    few: Cell<u64>,
+    more: Vec<Cell<u64>>,
+    count: Cell<usize>,
 }
 
 impl Seen {
     fn new(ranks: usize) -> Self {
-        Seen { few: 0, more: if ranks > 64 { vec![0; ranks.div_ceil(64)] } else { Vec::new() } }
+        let more = if ranks > 64 { vec![Cell::new(0); ranks.div_ceil(64)] } else { Vec::new() };
+        Seen { few: Cell::new(0), more, count: Cell::new(0) }
     }
 
-    /// Whether it wasn't there before.
-    fn insert(&mut self, rank: u32) -> bool {
-        let word = match self.more.is_empty() {
-            true => &mut self.few,
-            false => &mut self.more[rank as usize / 64],
-        };
-        let bit = 1 << (rank % 64);
-        let is_new = *word & bit == 0;
-        *word |= bit;
-        is_new
+    fn word(&self, rank: u32) -> &Cell<u64> {
+        if self.more.is_empty() { &self.few } else { &self.more[rank as usize / 64] }
+    }
+
+    #[inline]
+    fn holds(&self, rank: u32) -> bool {
+        rank != NOBODY && self.word(rank).get() >> (rank % 64) & 1 == 1
+    }
+
+    /// Adds a rank that isn't there yet; how many there were.
+    fn insert(&self, rank: u32) -> usize {
+        let word = self.word(rank);
+        word.set(word.get() | 1 << (rank % 64));
+        self.count.replace(self.count.get() + 1)
     }
 }
