@@ -8,7 +8,7 @@ use common::{fingerprint, name, render, repository, scenes, small_work};
 use heliostat::accel::Accel;
 use heliostat::image::Image;
 use heliostat::output::write::{Format, WriteOptions, encode};
-use heliostat::settings::{AccelKind, BuildSettings, Crop};
+use heliostat::settings::{AccelKind, BuildPreset, BuildSettings, Crop};
 
 #[test]
 fn threads_and_tiles_change_nothing() {
@@ -49,6 +49,19 @@ fn the_grid_sees_the_same() {
         work.run.accel = AccelKind::Grid;
         work.accel = Accel::build(AccelKind::Grid, BuildSettings::default(), &work.scene.surfaces);
         assert_eq!(fingerprint(&render(&work, 2)), expected, "{}", name(&scene));
+    }
+}
+
+#[test]
+fn trees_of_all_presets_see_the_same() {
+    for scene in scenes() {
+        let mut work = small_work(&scene, AccelKind::Bvh);
+        work.image.spp = 1;
+        let expected = fingerprint(&render(&work, 2));
+        for preset in [BuildPreset::Fast, BuildPreset::Balanced, BuildPreset::Best] {
+            work.accel = Accel::build(AccelKind::Bvh, preset, &work.scene.surfaces);
+            assert_eq!(fingerprint(&render(&work, 2)), expected, "{} {preset:?}", name(&scene));
+        }
     }
 }
 

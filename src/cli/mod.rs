@@ -151,7 +151,8 @@ fn build_accel(
     surfaces: &Surfaces,
     scene: &Path,
 ) -> Result<Accel> {
-    match Budget::of_machine().lacks(Accel::memory_to_build(kind, surfaces)) {
+    let build = build.into();
+    match Budget::of_machine().lacks(Accel::memory_to_build(kind, build.preset, surfaces)) {
         None => Ok(Accel::build(kind, build, surfaces)),
         Some(shortage) => Err(Error::scene(
             scene,
