@@ -202,7 +202,7 @@ impl Spatial<'_> {
         let bounds = piece.bounds();
         for axis in 0..3 {
             let planes = &planes[axis];
-            let slab = |coordinate: f32| planes[1..BINS].partition_point(|&plane| plane <= coordinate);
+            let slab = |coordinate| slab(planes, coordinate);
             let Some(triangle) = &triangle else {
                 let k = slab(middle(piece, axis));
                 bins.bounds[axis][k] = bins.bounds[axis][k].union(&bounds);
@@ -325,13 +325,20 @@ fn planes(bounds: &Aabb, slabs: usize) -> [[f32; BINS + 1]; 3] {
     planes
 }
 
+/// The slab that begins at or before a coordinate, and ends behind it unless it is the last.
+#[inline]
+fn slab(planes: &[f32; BINS + 1], coordinate: f32) -> usize {
+    // No early end: a fixed number of comparisons is done in vectors.
+    planes[1..BINS].iter().map(|&plane| usize::from(plane <= coordinate)).sum()
+}
+
 /// The best division by the middles of pieces, none of which is cut. None if all middles are one.
 fn by_middles(pieces: &[Piece]) -> Option<Division> {
     let planes = planes(&middles(pieces), BINS);
     let bins = gathered(pieces, |bins, piece| {
         for axis in 0..3 {
             let at = middle(piece, axis);
-            let k = planes[axis][1..BINS].partition_point(|&plane| plane <= at);
+            let k = slab(&planes[axis], at);
             bins.bounds[axis][k] = bins.bounds[axis][k].union(&piece.bounds());
             bins.begin[axis][k] += 1;
             bins.end[axis][k] += 1;
