@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::print;
+use super::{builds, print};
 use crate::accel::wide::level::{Level, Traversal};
 use crate::cluster::{Solo, threads};
 use crate::error::{Error, Result};
@@ -20,6 +20,8 @@ use crate::settings::BuildPreset;
 pub enum Command {
     /// Rays in a second, by class of rays, traversal and level of instructions.
     Kernels(KernelsArgs),
+    /// Time and memory of building each structure on terrain of growing size.
+    Builds(builds::Args),
 }
 
 #[derive(Debug, clap::Args)]

@@ -1,6 +1,7 @@
 //! The command line: flags in, validated settings out, one file per subcommand. Rank 0 alone reads and prints.
 
 mod bench;
+mod builds;
 mod compare;
 mod info;
 mod manual;
@@ -106,6 +107,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Probe(args)) => probe::run(&args),
         Some(Command::Bench(bench::Command::Kernels(args))) => bench::kernels(&args),
+        Some(Command::Bench(bench::Command::Builds(args))) => builds::run(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
         Some(Command::Render(_) | Command::Stress(_)) | None => Ok(()),

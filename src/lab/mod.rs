@@ -1,6 +1,7 @@
 //! Experiments on the renderer: what is claimed of it is tried here. What is measured is the renderer's own code, never a copy of it.
 
 pub mod aim;
+pub mod builds;
 pub mod dyadic;
 mod footing;
 pub mod judge;
