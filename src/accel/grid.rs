@@ -3,7 +3,7 @@
 //!
 //! No hit is lost: with Q = |origin|∞ + extent, u = 2^-53, a crossing of a plane is computed anew for each step (nothing adds up) and lies within 4uQ of where
 //! it is, so the cells walked hold every point of the line to within that. Primitives are entered into all cells whose box, grown by 2^-30 of the extent, they reach (triangles: their
-//! boxes, as a triangle/box test would lose hits that graze it: their t is only known to lie in its box); that is more
+//! boxes, which hold every point where one may be met); that is more
 //! for origins up to 2^20 extents away, and beyond those every primitive is tested. A walk ends where the next cell begins beyond the best hit by more than 2^-22 Q: t is
 //! off by less than 2^-32 Q of triangles (`triangle::GRAZING`) and by less than the root of 2^-53 of spheres that it hardly touches.
 
@@ -212,7 +212,7 @@ impl Grid {
                     let middle: [f64; 3] = std::array::from_fn(|axis| {
                         self.low[axis] + (f64::from(cell[axis]) + 0.5) * self.size[axis]
                     });
-                    // Of a triangle its box decides: t of a ray that grazes it may be that of any point of the ray in there.
+                    // Of a triangle its box decides.
                     let reaches = single_row
                         || sphere.is_none_or(|(center, radius)| {
                             sphere_reaches_box(sub(center, middle), radius, half)

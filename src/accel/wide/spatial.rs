@@ -43,7 +43,7 @@ impl Cuts {
     pub fn usual(primitives: usize) -> Cuts {
         // Even with a block for each leaf all of them can be named.
         let more = (primitives / 10 * 3).min(MOST_BLOCKS.saturating_sub(primitives));
-        Cuts { more, fewest: 9, of_root: 1e-5, of_node: 0.1 }
+        Cuts { more, fewest: 9, of_root: 1e-4, of_node: 0.1 }
     }
 }
 
