@@ -467,6 +467,27 @@ fn every_level_of_instructions_renders_the_same_and_an_unknown_one_is_refused() 
 }
 
 #[test]
+fn bench_builds_measures_every_structure_at_every_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let flags = ["bench", "builds", "--json", "--rounds", "1", "--threads", "1", "--sizes"];
+    let rows = |more: &[&str]| {
+        let output = heliostat(folder.path(), &[&flags, more].concat());
+        assert!(output.status.success(), "{output:?}");
+        let text = String::from_utf8(output.stdout).unwrap();
+        let named = |line: &str| {
+            let row: serde_json::Value = serde_json::from_str(line).unwrap();
+            assert!(row["seconds"].as_f64().unwrap() > 0.0 && row["bytes"].as_u64().unwrap() > 0, "{row}");
+            (row["structure"].as_str().unwrap().to_string(), row["triangles"].as_u64().unwrap())
+        };
+        text.lines().map(named).collect::<Vec<_>>()
+    };
+    let expected = [200, 800].map(|n| ["fast", "balanced", "best", "grid"].map(|s| (s.to_string(), n)));
+    assert_eq!(rows(&["200,8e2"]), expected.concat());
+    assert_eq!(rows(&["200", "--build", "grid"]), [("grid".to_string(), 200)]);
+    refuses(&["bench", "builds", "--sizes", "1"], 2, &["--sizes", "2"]);
+}
+
+#[test]
 fn bench_kernels_writes_rays_and_traces_them() {
     let folder = tempfile::tempdir().unwrap();
     let spheres = scene("orthographic.toml");

@@ -11,7 +11,7 @@ use heliostat::cluster::comm::memory;
 use heliostat::image::Image;
 use heliostat::job::Work;
 use heliostat::output::write::{Format, WriteOptions, encode};
-use heliostat::settings::{AccelKind, BuildSettings, Crop, RunSettings, Split, Within};
+use heliostat::settings::{AccelKind, BuildPreset, BuildSettings, Crop, RunSettings, Split, Within};
 
 #[test]
 fn threads_and_tiles_change_nothing() {
@@ -160,6 +160,19 @@ fn ranks_get_spheres_and_divide_them_by_themselves() {
             ranks.into_iter().filter_map(|rank| rank.join().unwrap()).next().expect("rank 0 gets the image")
         });
         assert_eq!(fingerprint(&image), expected, "{accel:?} {within:?}");
+    }
+}
+
+#[test]
+fn trees_of_all_presets_see_the_same() {
+    for scene in scenes() {
+        let mut work = small_work(&scene, AccelKind::Bvh);
+        work.image.spp = 1;
+        let expected = fingerprint(&render(&work, 2));
+        for preset in [BuildPreset::Fast, BuildPreset::Balanced, BuildPreset::Best] {
+            work.accel = Accel::build(AccelKind::Bvh, preset, &work.scene.surfaces);
+            assert_eq!(fingerprint(&render(&work, 2)), expected, "{} {preset:?}", name(&scene));
+        }
     }
 }
 

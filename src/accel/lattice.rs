@@ -3,7 +3,7 @@
 //!
 //! No hit is lost: with Q = |origin|∞ + extent, u = 2^-53, a crossing of a plane is computed anew for each step (nothing adds up) and lies within 8uQ of where
 //! it is, so the cells walked hold every point of the line to within that. Primitives are entered into all cells whose box, grown by 2^-30 of the extent, they reach (triangles: their
-//! boxes, as a triangle/box test would lose hits that graze it: their t is only known to lie in its box); that is more
+//! boxes, which hold every point where one may be met); that is more
 //! for origins up to 2^20 extents away ([`Lattice::serves`]). A walk ends where the next cell begins beyond the best hit by more than 2^-22 Q: t is
 //! off by less than 2^-32 Q of triangles (`triangle::GRAZING`) and by less than the root of 2^-53 of spheres that it hardly touches.
 
@@ -121,7 +121,7 @@ impl Lattice {
                     let middle: [f64; 3] = std::array::from_fn(|axis| {
                         self.low[axis] + (f64::from(cell[axis]) + 0.5) * self.size[axis]
                     });
-                    // Of a triangle its box decides: t of a ray that grazes it may be that of any point of the ray in there.
+                    // Of a triangle its box decides.
                     let reaches = single_row
                         || sphere.is_none_or(|(center, radius)| {
                             sphere_reaches_box(sub(center, middle), radius, half)
@@ -179,7 +179,7 @@ impl Lattice {
             per_length[axis] = 1.0 / self.size[axis];
             let high = self.low[axis] + f64::from(count[axis]) * self.size[axis];
             let (first, last) = (self.low[axis] - origin[axis], high - origin[axis]);
-            if direction[axis] == 0.0 {
+            if !moves(direction[axis]) {
                 if first > slack || last < -slack {
                     return;
                 }
@@ -254,13 +254,20 @@ impl Lattice {
                 } else if ahead[axis] == 1 {
                     // The other coordinates have moved on too: never back, and not out of the block.
                     cell[axis] = at(axis, t).min((low[axis] + edge).min(count[axis]) - 1).max(cell[axis]);
-                } else if direction[axis] != 0.0 {
+                } else if moves(direction[axis]) {
                     cell[axis] = at(axis, t).max(low[axis]).min(cell[axis]);
                 }
                 next[axis] = crossing(axis, cell[axis] + ahead[axis]);
             }
         }
     }
+}
+
+/// Whether a component of a direction, whose largest is 1 at least, takes a ray anywhere: less, over all the way that is walked, stays far below the slack, and its inverse
+/// may not be a number.
+#[inline]
+fn moves(component: f64) -> bool {
+    component.abs() > 1e-200
 }
 
 /// The axis of the least of three numbers; of equals the first.

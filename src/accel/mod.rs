@@ -14,7 +14,7 @@ use crate::geometry::Ray;
 use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
-use crate::settings::{AccelKind, BuildSettings};
+use crate::settings::{AccelKind, BuildPreset, BuildSettings};
 use divided::Divided;
 use glam::DVec3;
 use grid::Grid;
@@ -101,9 +101,9 @@ impl Accel {
     }
 
     /// Bytes that building the structure takes beside the surfaces, about.
-    pub fn memory_to_build(kind: AccelKind, surfaces: &Surfaces) -> u64 {
+    pub fn memory_to_build(kind: AccelKind, preset: BuildPreset, surfaces: &Surfaces) -> u64 {
         match kind {
-            AccelKind::Bvh => surfaces.len() as u64 * wide::BYTES_TO_BUILD,
+            AccelKind::Bvh => surfaces.len() as u64 * wide::bytes_to_build(preset),
             AccelKind::Grid => surfaces.len() as u64 * grid::BYTES_TO_BUILD,
             AccelKind::Spheres => surfaces.len() as u64 * spheres::BYTES_TO_BUILD,
             AccelKind::Brute => 0,

@@ -97,6 +97,24 @@ impl Survey {
 }
 
 impl Voxels {
+    /// How many primitives each rank has. On the current rayon pool.
+    pub fn counts(&self, surfaces: &Surfaces, ranks: usize) -> Vec<u64> {
+        let none = || (vec![0; ranks], vec![u32::MAX; ranks]);
+        if self.owners.is_empty() {
+            return none().0;
+        }
+        let counted = solid_ids(surfaces).fold(none, |(mut counts, mut last), id| {
+            self.lattice.each_block(surfaces, id, |block, _| {
+                // Each primitive once, in however many blocks it is.
+                let owner = self.owners[block] as usize;
+                counts[owner] += u64::from(std::mem::replace(&mut last[owner], id) != id);
+            });
+            (counts, last)
+        });
+        let sum = |a: Vec<u64>, b: Vec<u64>| a.iter().zip(&b).map(|(a, b)| a + b).collect();
+        counted.map(|(counts, _)| counts).reduce(|| none().0, sum)
+    }
+
     /// The primitives, ascending, of one rank: all that reach into voxels of its blocks. On the current rayon pool.
     pub fn part(&self, surfaces: &Surfaces, rank: usize) -> Vec<u32> {
         if self.owners.is_empty() {

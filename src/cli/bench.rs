@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::{print, strategies};
+use super::{builds, print, strategies};
 use crate::accel::wide::level::{Level, Traversal};
 use crate::cluster::{Solo, threads};
 use crate::error::{Error, Result};
@@ -22,6 +22,8 @@ pub enum Command {
     Kernels(KernelsArgs),
     /// One thread, threads over triangles and threads over rays, by number of triangles and structure.
     Strategies(strategies::Args),
+    /// Time and memory of building each structure on terrain of growing size.
+    Builds(builds::Args),
 }
 
 #[derive(Debug, clap::Args)]

@@ -6,9 +6,10 @@ use rayon::prelude::*;
 
 use super::{print, warn};
 use crate::error::Result;
-use crate::scene::load;
+use crate::lab::prediction::{self, RankMemory};
+use crate::scene::load::{self, Loaded};
 use crate::scene::mesh::has_area;
-use crate::settings::{AccelKind, BuildPreset};
+use crate::settings::{AccelKind, BuildPreset, ImageSettings, Split};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -17,6 +18,21 @@ pub struct Args {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Foretell what each of --ranks will hold with this --split of render, instead
+    #[arg(long, requires = "ranks")]
+    split: Option<Split>,
+    /// How many ranks --split is asked about
+    #[arg(long, value_name = "N", requires = "split", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    ranks: Option<u32>,
+}
+
+/// What ranks will hold of a divided scene.
+#[derive(serde::Serialize)]
+struct Foretold {
+    primitives: usize,
+    /// Primitives of all ranks over those of the scene, less 1: what is held more than once.
+    overhead: f64,
+    ranks: Vec<RankMemory>,
 }
 
 #[derive(serde::Serialize)]
@@ -43,6 +59,9 @@ struct Info {
 pub fn run(args: &Args) -> Result<()> {
     let loaded = load::load(&args.scene)?;
     warn(&loaded.warnings);
+    if let (Some(split), Some(ranks)) = (args.split, args.ranks) {
+        return foretell(args, &loaded, split, ranks);
+    }
     let (surfaces, header) = (&loaded.scene.surfaces, &loaded.scene.header);
     let info = Info {
         triangles: surfaces.triangles.len(),
@@ -68,6 +87,34 @@ pub fn run(args: &Args) -> Result<()> {
         return print(&(json + "\n"));
     }
     print(&table(&info))
+}
+
+fn foretell(args: &Args, loaded: &Loaded, split: Split, ranks: u32) -> Result<()> {
+    let default = ImageSettings::default();
+    let size = (loaded.image.width.unwrap_or(default.width), loaded.image.height.unwrap_or(default.height));
+    let image = ImageSettings::sized(size.0, size.1);
+    let primitives = loaded.scene.surfaces.len();
+    let ranks = prediction::predict(&loaded.scene, &image, split, ranks as usize);
+    let held: u64 = ranks.iter().map(|rank| rank.primitives).sum();
+    let overhead = held as f64 / primitives.max(1) as f64 - 1.0;
+    if args.json {
+        let told = Foretold { primitives, overhead, ranks };
+        let json = serde_json::to_string_pretty(&told).expect("plain numbers have a JSON form");
+        return print(&(json + "\n"));
+    }
+    let mut text = String::from("  rank   primitives  scene MiB    BVH MiB   peak MiB\n");
+    let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+    let row = |name: String, memory: &RankMemory| {
+        let RankMemory { primitives, scene_bytes, bvh_bytes, peak_bytes } = *memory;
+        let [scene, bvh, peak] = [scene_bytes, bvh_bytes, peak_bytes].map(mib);
+        format!("{name:>6} {primitives:12} {scene:10.2} {bvh:10.2} {peak:10.2}\n")
+    };
+    ranks.iter().enumerate().for_each(|(rank, memory)| text += &row(rank.to_string(), memory));
+    if let Some(most) = ranks.iter().max_by_key(|rank| rank.primitives) {
+        text += &row("most".into(), most);
+    }
+    text += &format!("{primitives} primitives; all ranks together hold {:.1} % more\n", 100.0 * overhead);
+    print(&text)
 }
 
 fn table(info: &Info) -> String {

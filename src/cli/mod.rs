@@ -1,6 +1,7 @@
 //! The command line: flags in, validated settings out, one file per subcommand. Rank 0 alone reads and prints.
 
 mod bench;
+mod builds;
 mod compare;
 mod convert;
 mod info;
@@ -112,6 +113,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Probe(args)) => probe::run(&args),
         Some(Command::Bench(bench::Command::Kernels(args))) => bench::kernels(&args),
         Some(Command::Bench(bench::Command::Strategies(args))) => strategies::run(&args),
+        Some(Command::Bench(bench::Command::Builds(args))) => builds::run(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
         Some(Command::Render(_) | Command::Stress(_)) | None => Ok(()),
@@ -157,7 +159,8 @@ fn build_accel(
     surfaces: &Surfaces,
     scene: &Path,
 ) -> Result<Accel> {
-    afford(Accel::memory_to_build(kind, surfaces), surfaces, scene)?;
+    let build = build.into();
+    afford(Accel::memory_to_build(kind, build.preset, surfaces), surfaces, scene)?;
     Ok(Accel::build(kind, build, surfaces))
 }
 

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::job;
 use crate::lab::probe::{self, FORMATS, Question, Target};
 use crate::output::file;
-use crate::settings::AccelKind;
+use crate::settings::{AccelKind, BuildPreset};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "`--help` describes the files.", after_long_help = FORMATS)]
@@ -32,6 +32,9 @@ pub struct Args {
     /// The structure that finds hits; never changes an answer
     #[arg(long, env = "HELIOSTAT_ACCEL", default_value = "bvh")]
     accel: AccelKind,
+    /// How the hierarchy is built; never changes an answer
+    #[arg(long, env = "HELIOSTAT_BUILD", default_value = "balanced")]
+    build: BuildPreset,
     /// Threads [env: HELIOSTAT_THREADS] [default: the processors]
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -46,7 +49,7 @@ pub fn run(args: &Args) -> Result<()> {
     pool.install(|| {
         let target = match &args.mesh {
             Some(mesh) => {
-                let (target, warnings) = Target::load(mesh, args.accel)?;
+                let (target, warnings) = Target::load(mesh, args.accel, args.build)?;
                 for warning in warnings {
                     let _ = writeln!(std::io::stderr(), "heliostat: warning: {warning}");
                 }

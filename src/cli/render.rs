@@ -228,7 +228,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
         Within::Rays => super::build_accel(run.accel, run.build, surfaces, &args.scene)?,
         // Each rank builds for its own threads.
         Within::Triangles => {
-            let needed = Accel::memory_to_build(run.accel, surfaces)
+            let needed = Accel::memory_to_build(run.accel, run.build.preset, surfaces)
                 + divided::BYTES_TO_DIVIDE * surfaces.len() as u64;
             super::afford(needed, surfaces, &args.scene)?;
             Accel::empty(run.accel)

@@ -19,7 +19,7 @@ use crate::lab::stress::{self, Plan, Subject};
 use crate::lab::tally::{Spread, Tally};
 use crate::output::file;
 use crate::scene::load;
-use crate::settings::AccelKind;
+use crate::settings::{AccelKind, BuildPreset};
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -32,6 +32,9 @@ pub struct Args {
     /// The structures that must give the same exact answers; may be repeated
     #[arg(long, value_delimiter = ',', default_value = "bvh,grid,spheres,brute")]
     accel: Vec<AccelKind>,
+    /// How the hierarchy is built; never changes an answer
+    #[arg(long, env = "HELIOSTAT_BUILD", default_value = "balanced")]
+    build: BuildPreset,
     /// Trace these models, too; may be repeated
     #[arg(long, value_name = "FILE.obj")]
     mesh: Vec<PathBuf>,
@@ -76,7 +79,7 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     let (plan, generate) = share::computed(comm, || {
         let args = args.as_ref().ok_or_else(|| Error::usage("stress", "no flags", "run it anew"))?;
         args.json.as_deref().map_or(Ok(()), file::check_writable)?;
-        let plan = Plan { rays: args.rays, seed: args.seed, accels: args.accel.clone() };
+        let plan = Plan { rays: args.rays, seed: args.seed, accels: args.accel.clone(), build: args.build };
         Ok((plan, !args.only_mesh))
     })?;
     let mut read = share::outcome(comm, || {

@@ -14,7 +14,7 @@
 //! In doubt are the distance of a plane that holds the computed point to within `RADIUS`, and the side on which the ray passes an edge that it comes as near to. For each edge that is settled from
 //! the edge, the ray and S alone: both triangles beside it see the ray pass on the same side, so there are no cracks between them. Everything else is the ordinary test's.
 
-use super::triangle::{Sheared, TriangleHit, clamp_to_slabs, meet_plane};
+use super::triangle::{Sheared, TriangleHit, clamp_to_triangle, meet_plane};
 use super::twofold::{Twofold, differences, twofold_cross, twofold_dot};
 use super::{Prepared, cross, dot, norm_max, sub};
 
@@ -66,13 +66,15 @@ impl Start {
         if !crossed {
             return None;
         }
+        // The computed line comes as near to a side that is settled as its doubt, and to the triangle, be it a needle, as its box says.
+        let aside = settled.map_or(0.0, |aside| 2.0 * aside);
         let (e1, e2) = (sub(other[1], other[0]), sub(other[2], other[0]));
         let to_plane = dot(cross(e1, e2), sub(other[0], ray.origin));
         let largest = largest_on_axes([self.reach; 3], other);
         let t = if to_plane.abs() <= RADIUS * dot(spread(e1, e2), largest) {
-            self.meet_plane_at_start(ray, other)?
+            self.meet_plane_at_start(ray, other, aside)?
         } else {
-            meet_plane(ray, other)?
+            meet_plane(ray, other, aside)?
         };
         Some(TriangleHit { t, weights: sheared.weights })
     }
@@ -111,7 +113,7 @@ impl Start {
 
     /// t at which the ray from the true start meets a plane that holds the computed one to within rounding.
     #[cold]
-    fn meet_plane_at_start(&self, ray: &Prepared, other: &[[f64; 3]; 3]) -> Option<f64> {
+    fn meet_plane_at_start(&self, ray: &Prepared, other: &[[f64; 3]; 3], aside: f64) -> Option<f64> {
         let (e1, e2) = (differences(other[1], other[0]), differences(other[2], other[0]));
         let normal = twofold_cross(&e1, &e2);
         let spread = spread(sub(other[1], other[0]), sub(other[2], other[0]));
@@ -130,18 +132,10 @@ impl Start {
         if !(t > 0.0 && t < f64::INFINITY) {
             return None;
         }
-        let t = clamp_to_slabs(ray, other, t);
+        let t = clamp_to_triangle(ray, other, t, aside);
         // Before the computed start, which is all that the boxes of a traversal know: at the start, if the triangle is there and not somewhere behind.
-        (t >= 0.0 || self.is_at(other)).then(|| t.max(0.0))
-    }
-
-    /// Whether the box of a triangle holds the start, as far as weights are raised.
-    fn is_at(&self, other: &[[f64; 3]; 3]) -> bool {
-        let aside = 4.0 * FARTHEST * other.iter().fold(self.reach, |m, &v| m.max(norm_max(v)));
-        (0..3).all(|axis| {
-            let [a, b, c] = other.map(|v| v[axis] - self.origin[axis]);
-            a.min(b).min(c) <= aside && a.max(b).max(c) >= -aside
-        })
+        let here = 4.0 * FARTHEST * other.iter().fold(self.reach, |m, &v| m.max(norm_max(v)));
+        (t >= -here).then(|| t.max(0.0))
     }
 
     /// d · ((p − o) × (q − o)): on which side of the edge the ray from the true start passes. Of the same edge the other way round exactly the negative.

@@ -7,7 +7,7 @@
 use super::twofold::{Twofold, differences, twofold_cross, twofold_dot};
 use super::{Prepared, cross, dot, norm_max, norm1, sub};
 
-/// Where |n·d| is at most this times |e1|₁|e2|₁, t is computed with twice the digits and clamped to the triangle's own slab interval.
+/// Where |n·d| is at most this times |e1|₁|e2|₁, t is computed with twice the digits and clamped to where the ray runs along the triangle.
 ///
 /// Above it, t's error times |d| is below 2^-32 Q, with Q = |origin|∞ + max|vertex|∞: each component of n = e1 × e2 is off by at
 /// most 3u times its two products' magnitudes (u = 2^-53), so n·(v − o) and n·d are off by at most 16u |e1|₁|e2|₁ times Q and |d|∞ < 2; dividing by
@@ -86,13 +86,13 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
     if !sheared.is_crossed() {
         return None;
     }
-    let t = meet_plane(ray, vertices)?;
+    let t = meet_plane(ray, vertices, 0.0)?;
     Some(TriangleHit { t, weights: sheared.weights })
 }
 
-/// Where the ray meets the plane of a triangle that it passes through.
+/// Where the ray meets the plane of a triangle that it passes through, or passes as near as `aside` if that is more than rounding.
 #[inline]
-pub(super) fn meet_plane(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<f64> {
+pub(super) fn meet_plane(ray: &Prepared, vertices: &[[f64; 3]; 3], aside: f64) -> Option<f64> {
     let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
     let n = cross(e1, e2);
     let along = dot(n, ray.direction);
@@ -104,7 +104,7 @@ pub(super) fn meet_plane(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<f64
     Some(if upright {
         dot(n, sub(vertices[0], ray.origin)) / along
     } else {
-        clamp_to_slabs(ray, vertices, grazing_t(ray, vertices))
+        clamp_to_triangle(ray, vertices, grazing_t(ray, vertices), aside)
     })
 }
 
@@ -122,23 +122,44 @@ fn grazing_t(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> f64 {
     twofold_dot(&normal, &differences(vertices[0], ray.origin)).ratio(twofold_dot(&normal, &direction))
 }
 
-/// Brings t into the interval in which the ray is inside the triangle's box, as far as rounding lets it be.
+/// Brings t into the interval in which the ray runs along the triangle, as far as rounding lets it be: the point at t lies then beside the triangle, not only in its plane. So
+/// whatever boxes hold the triangle's points, be it in parts, are entered no later, once they are padded by what `bounds` pads them by.
 ///
-/// The box is widened by what separates the computed line from the exact one (32 u Q, Q = |origin|∞ + max|vertex|∞, u = 2^-53): so the interval isn't empty, and it
-/// lies within those of all boxes that hold the triangle, which `bounds` pads by far more.
+/// Seen along the largest component of the normal, the point lies on the inner side of each edge, and in the triangle's box. Both are widened by what separates the computed line from
+/// the exact one: 32 u Q, Q = |origin|∞ + max|vertex|∞, u = 2^-53 (a sheared coordinate is off by 6 u Q, a weight that was rounded to 0 lets in another 16 u Q), or `aside`; an edge's side by
+/// as much again for its own rounding (12 u Q). So the interval isn't empty: it holds the t' where the ray comes nearest. Between t' and the plane's t the ray comes no farther from the plane.
 #[cold]
-pub(super) fn clamp_to_slabs(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64) -> f64 {
+pub(super) fn clamp_to_triangle(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64, aside: f64) -> f64 {
     let reach = norm_max(ray.origin) + vertices.iter().map(|&v| norm_max(v)).fold(0.0, f64::max);
-    let wider = 32.0 * (f64::EPSILON / 2.0) * reach;
+    let aside = aside.max(32.0 * (f64::EPSILON / 2.0) * reach);
     let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
+    let normal =
+        twofold_cross(&differences(vertices[1], vertices[0]), &differences(vertices[2], vertices[0]))
+            .map(|n| n.value());
+    let k = (0..3).fold(0, |k, axis| if normal[axis].abs() > normal[k].abs() { axis } else { k });
+    let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+    for vertex in 0..3 {
+        let (p, q) = (vertices[vertex], vertices[(vertex + 1) % 3]);
+        let (along_i, along_j) = ((q[i] - p[i]) * normal[k].signum(), (q[j] - p[j]) * normal[k].signum());
+        let height = along_i * (ray.origin[j] - p[j]) - along_j * (ray.origin[i] - p[i]);
+        let rise = along_i * ray.direction[j] - along_j * ray.direction[i];
+        let least = -2.0 * aside * (along_i.abs() + along_j.abs());
+        if rise > 0.0 {
+            near = near.max((least - height) / rise);
+        } else if rise < 0.0 {
+            far = far.min((least - height) / rise);
+        }
+    }
+    let t = t.max(near).min(far);
+    (near, far) = (f64::NEG_INFINITY, f64::INFINITY);
     for axis in 0..3 {
         let direction = ray.direction[axis];
         if direction == 0.0 {
             continue;
         }
         let [a, b, c] = vertices.map(|v| v[axis] - ray.origin[axis]);
-        let first = (a.min(b).min(c) - wider) / direction;
-        let last = (a.max(b).max(c) + wider) / direction;
+        let first = (a.min(b).min(c) - aside) / direction;
+        let last = (a.max(b).max(c) + aside) / direction;
         near = near.max(first.min(last));
         far = far.min(first.max(last));
     }
@@ -243,6 +264,33 @@ mod tests {
         let prepared = ray([0.75, 0.75, 0.5 + sink], [3.0, -3.0, -4.0 * sink]);
         let hit = intersect(&prepared, &tilted).expect("it sinks through");
         assert_eq!(hit.t * prepared.scale, 0.25);
+    }
+
+    #[test]
+    fn grazing_hits_lie_beside_the_triangle() {
+        // Rays that run in the plane but for rounding: where they meet it is anyone's guess, but not where there is no triangle.
+        let tilted = [[0.1f32, 0.2, 0.3], [1.3, 0.1, 0.9], [0.2, 1.1, -0.4]].map(|v| v.map(f64::from));
+        let [a, b, c] = tilted.map(DVec3::from);
+        let normal = (b - a).cross(c - a).normalize();
+        let sides = [[a, b], [b, c], [c, a]];
+        let (mut hits, mut farthest) = (0, 0.0);
+        for case in 0..20_000 {
+            let [s, t, turn, lift] =
+                [0.618, 0.324, 0.171, 0.419].map(|step| (f64::from(case) * step).fract());
+            let inside = a + (b - a) * (s * (1.0 - t)) + (c - a) * (s * t);
+            let along = (b - a) * libm::cos(6.3 * turn) + (c - a) * libm::sin(6.3 * turn);
+            let origin = inside + 2.0 * along + normal * (2e-15 * (lift - 0.5));
+            let direction = inside - origin;
+            let Some(hit) = intersect(&ray(origin.to_array(), direction.to_array()), &tilted) else {
+                continue;
+            };
+            let prepared = ray(origin.to_array(), direction.to_array());
+            let point = origin + direction * (hit.t * prepared.scale);
+            let out = |[p, q]: [DVec3; 2]| (q - p).normalize().cross(normal).dot(point - p);
+            farthest = sides.map(out).into_iter().fold(farthest, f64::max);
+            hits += 1;
+        }
+        assert!(hits > 1000 && farthest < 1e-13, "{hits} hits, up to {farthest} outside");
     }
 
     #[test]

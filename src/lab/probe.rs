@@ -108,7 +108,7 @@ impl Target {
     ///
     /// # Errors
     /// As [`obj::read`] and [`SceneBuilder::mesh`].
-    pub fn load(mesh: &Path, accel: AccelKind) -> Result<(Target, Vec<String>)> {
+    pub fn load(mesh: &Path, accel: AccelKind, build: BuildPreset) -> Result<(Target, Vec<String>)> {
         let file = obj::read(mesh, &mut Textures::default())?;
         let mut builder = SceneBuilder::new(mesh);
         let material = builder.material(Material::default());
@@ -116,7 +116,7 @@ impl Target {
             builder.mesh(mesh, &DAffine3::IDENTITY, material, Shading::Flat)?;
         }
         let scene = builder.finish(SceneHeader::default());
-        let accel = Accel::build(accel, BuildPreset::Balanced, &scene.surfaces);
+        let accel = Accel::build(accel, build, &scene.surfaces);
         Ok((Target { scene, accel }, file.warnings))
     }
 

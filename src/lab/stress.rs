@@ -54,6 +54,8 @@ pub struct Plan {
     pub rays: u64,
     pub seed: u64,
     pub accels: Vec<AccelKind>,
+    /// Of the hierarchy.
+    pub build: BuildPreset,
 }
 
 impl Plan {
@@ -243,7 +245,7 @@ pub fn run(
         .accels
         .iter()
         .map(|&kind| Structure {
-            accel: Accel::build(kind, BuildPreset::Balanced, &bench.scene.surfaces),
+            accel: Accel::build(kind, plan.build, &bench.scene.surfaces),
             scene: &bench.scene,
         })
         .collect();
@@ -410,7 +412,12 @@ mod tests {
 
     #[test]
     fn the_renderer_passes_and_any_division_gives_the_same() {
-        let plan = Plan { rays: 2000, seed: 7, accels: vec![AccelKind::Bvh, AccelKind::Brute] };
+        let plan = Plan {
+            rays: 2000,
+            seed: 7,
+            accels: vec![AccelKind::Bvh, AccelKind::Brute],
+            build: BuildPreset::Best,
+        };
         for subject in
             [subject("saddles", "as it is"), subject("dust", "scaled 1e-6"), subject("box", "moved 1e4")]
         {

@@ -70,7 +70,7 @@ struct Made {
     blocks: Vec<Block>,
 }
 
-/// Makes the wide tree of a binary one whose leaves hold one primitive each; `ids` names those.
+/// Makes the wide tree of a binary one whose leaves hold one primitive each, or a part of one; `ids` names those.
 pub fn collapse(binary: &Bvh2, ids: &[u32], surfaces: &Surfaces) -> Tree {
     let source = Source { binary, ids, surfaces };
     let mut top = Part::default();
@@ -341,8 +341,9 @@ impl Collapse<'_> {
                 let plan = self.plan(root);
                 node.children[lane] = if plan.is_leaf {
                     let kind = if plan.is_spheres { SPHERES } else { 0 };
-                    made.blocks.push(self.block(root));
-                    LEAF | kind | (made.blocks.len() as u32 - 1) << 3 | (plan.count - 1)
+                    let (block, count) = self.block(root);
+                    made.blocks.push(block);
+                    LEAF | kind | (made.blocks.len() as u32 - 1) << 3 | (count - 1)
                 } else if above && root.subtree.is_some() {
                     wanted.push(root);
                     SPHERES | (wanted.len() as u32 - 1)
@@ -358,8 +359,8 @@ impl Collapse<'_> {
         (made, wanted)
     }
 
-    /// The primitives below a place, whose plan is to be a block.
-    fn block(&self, root: Place) -> Block {
+    /// The primitives below a place, whose plan is to be a block, and their number. Of one in several leaves there once is enough.
+    fn block(&self, root: Place) -> (Block, u32) {
         let mut block = Block { corners: [[[0.0; WIDTH]; 3]; 3], ids: [EMPTY; WIDTH] };
         let (mut waiting, mut lane) = (vec![root], 0);
         while let Some(place) = waiting.pop() {
@@ -370,10 +371,13 @@ impl Collapse<'_> {
                 continue;
             }
             let id = self.source.id(index);
+            if block.ids[..lane].contains(&id) {
+                continue;
+            }
             put(&mut block.corners, lane, self.source.surfaces, id);
             block.ids[lane] = id;
             lane += 1;
         }
-        block
+        (block, lane as u32)
     }
 }

@@ -149,7 +149,8 @@ impl Flight {
         if !self.filters {
             return bundle.decide(batch, lane, &mut self.progress, (block, are_spheres), all);
         }
-        let ray = LoneRay { filter: &self.filter, start: self.start, t_min: self.t_min, any: self.any };
+        let tree = batch.walked.tree;
+        let ray = LoneRay { tree, filter: &self.filter, start: self.start, t_min: self.t_min, any: self.any };
         // SAFETY: the caller's promise; a flight's axes are below 3.
         match unsafe { ray.meet::<E>((block, are_spheres), number, all, self.lazy, &mut self.progress) } {
             Met::Nothing => false,
@@ -164,6 +165,7 @@ impl Flight {
 
 /// What one ray asks of a block.
 pub struct LoneRay<'f> {
+    pub tree: TreeView<'f>,
     pub filter: &'f FilterRay,
     pub start: u32,
     pub t_min: f32,
@@ -235,7 +237,7 @@ impl LoneRay<'_> {
                     (progress.low, progress.high) = (low, high);
                     progress.candidate = candidate(number, k, are_spheres);
                     progress.limit = progress.limit.min(high);
-                } else {
+                } else if !self.tree.is_candidate(progress.candidate, block.ids[k as usize]) {
                     unsure |= 1 << k;
                 }
             }

@@ -1,6 +1,7 @@
 //! The product's own traversal: a tree of eight children per node, walked by many rays at once.
 //!
-//! Built from obvhs's binary tree (PLOC, Meister and Bittner 2018, with reinsertion). Any number of threads builds the same tree.
+//! Made of a binary tree: obvhs's (PLOC, Meister and Bittner 2018, with reinsertion), or where most is asked one built from the top down with spatial splits. Any number of threads
+//! builds the same tree.
 
 mod beam;
 mod bundle;
@@ -12,8 +13,10 @@ mod flight;
 mod lanes;
 pub mod level;
 mod packet;
+mod piece;
 mod questions;
 pub mod sieve;
+mod spatial;
 mod sphere_filter;
 pub mod tree;
 mod walk;
@@ -22,6 +25,7 @@ use std::cell::RefCell;
 
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
+use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::PlocBuilder;
 use rayon::prelude::*;
@@ -34,11 +38,20 @@ use crate::settings::BuildPreset;
 use level::{Level, Traversal};
 use questions::Walked;
 pub use questions::{Questions, prefetch_record};
+use spatial::Cuts;
 use tree::Tree;
 use walk::Scratch;
 
-/// Bytes for each primitive while the tree is built: about 390 were measured on a terrain of 4.2 million triangles.
-pub const BYTES_TO_BUILD: u64 = 400;
+/// Bytes of nodes and blocks for each primitive, about: 88 were measured on terrains.
+pub const BYTES: u64 = 88;
+
+/// Bytes for each primitive while the tree is built: about 390 were measured on a terrain of 4.2 million triangles, and with all the leaves that spatial splits may add in proportion.
+pub fn bytes_to_build(preset: BuildPreset) -> u64 {
+    match preset {
+        BuildPreset::Fast | BuildPreset::Balanced => 400,
+        BuildPreset::Best => 520,
+    }
+}
 
 /// The tree and where it lies.
 #[derive(Clone, Debug, Default)]
@@ -66,23 +79,18 @@ impl Wide {
             return Wide::default();
         }
         let boxes: Vec<Aabb> = ids.par_iter().map(|&id| bounds(surfaces, id)).collect();
-        let (params, reinsertion) = match preset {
-            BuildPreset::Fast => (BvhBuildParams::fastest_build(), 0.0),
-            BuildPreset::Balanced => (BvhBuildParams::medium_build(), 0.02),
-            BuildPreset::Best => (BvhBuildParams::slow_build(), 0.3),
+        let binary = match preset {
+            BuildPreset::Fast => ploc(&boxes, BvhBuildParams::fastest_build(), 0.0),
+            BuildPreset::Balanced => ploc(&boxes, BvhBuildParams::medium_build(), 0.02),
+            BuildPreset::Best => spatial::build(surfaces, ids, &boxes, Cuts::usual(ids.len())),
         };
-        let mut binary = PlocBuilder::with_capacity(boxes.len()).build(
-            params.ploc_search_distance,
-            &boxes,
-            (0..boxes.len() as u32).collect(),
-            params.sort_precision,
-            params.search_depth_threshold,
-        );
         drop(boxes);
-        if reinsertion > 0.0 {
-            ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
-        }
-        let tree = collapse::collapse(&binary, ids, surfaces);
+        Wide::of(&binary, ids, surfaces)
+    }
+
+    /// The wide tree of a binary one over the primitives `ids`.
+    fn of(binary: &Bvh2, ids: &[u32], surfaces: &Surfaces) -> Wide {
+        let tree = collapse::collapse(binary, ids, surfaces);
         let root = &binary.nodes[0];
         Wide { tree, low: root.min.to_array(), high: root.max.to_array() }
     }
@@ -158,6 +166,21 @@ impl Wide {
             }
         });
     }
+}
+
+/// Merges neighbours bottom up, then puts the worst nodes where they cost less.
+fn ploc(boxes: &[Aabb], params: BvhBuildParams, reinsertion: f32) -> Bvh2 {
+    let mut binary = PlocBuilder::with_capacity(boxes.len()).build(
+        params.ploc_search_distance,
+        boxes,
+        (0..boxes.len() as u32).collect(),
+        params.sort_precision,
+        params.search_depth_threshold,
+    );
+    if reinsertion > 0.0 {
+        ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
+    }
+    binary
 }
 
 fn bounds(surfaces: &Surfaces, id: u32) -> Aabb {

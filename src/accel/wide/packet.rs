@@ -267,8 +267,8 @@ impl Packet {
         touched: u32,
     ) {
         let (filter, mut progress) = (bundle.filter_ray(lane), bundle.progress(lane));
-        let ray =
-            LoneRay { filter: &filter, start: bundle.start[lane], t_min: bundle.t_min[lane], any: self.any };
+        let (tree, start, t_min) = (batch.walked.tree, bundle.start[lane], bundle.t_min[lane]);
+        let ray = LoneRay { tree, filter: &filter, start, t_min, any: self.any };
         // SAFETY: the caller's promise; axes are below 3.
         match unsafe { ray.meet::<I::Eight>(block, number, touched, true, &mut progress) } {
             Met::Nothing => {}
@@ -353,6 +353,11 @@ impl Packet {
                     let bit = unsure.trailing_zeros();
                     unsure &= unsure - 1;
                     let lane = at + bit as usize;
+                    if judged.inside >> bit & 1 == 1
+                        && batch.walked.tree.is_candidate(bundle.candidate[lane], block.ids[k])
+                    {
+                        continue;
+                    }
                     let mut progress = bundle.progress(lane);
                     if bundle.decide(batch, lane, &mut progress, (block, are_spheres), 1 << k) {
                         group &= !(1 << bit);

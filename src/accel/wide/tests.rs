@@ -11,15 +11,62 @@ use proptest::prelude::*;
 fn soup() -> impl Strategy<Value = Surfaces> {
     let coordinate = || prop_oneof![(-4i8..=4).prop_map(|c| f32::from(c) / 4.0), -1.0f32..1.0];
     let point = || prop::array::uniform3(coordinate());
+    let thin = (point(), point(), prop_oneof![Just(1e-7f32), Just(1e-3)])
+        .prop_map(|(a, b, width)| [a, b, [a[0] + width, a[1] - width, a[2] + 0.5 * width]]);
+    let triangle = prop_oneof![4 => prop::array::uniform3(point()), 1 => thin];
     let sphere = (point(), prop_oneof![Just(0.25f32), 0.01f32..0.5])
         .prop_map(|(center, radius)| Sphere { center, radius });
-    (prop::collection::vec(prop::array::uniform3(point()), 0..60), prop::collection::vec(sphere, 0..10))
-        .prop_map(|(triangles, spheres)| Surfaces {
+    (prop::collection::vec(triangle, 0..60), prop::collection::vec(sphere, 0..10)).prop_map(
+        |(triangles, spheres)| Surfaces {
             positions: triangles.concat().into(),
             triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
             spheres: spheres.into(),
             ..Surfaces::default()
+        },
+    )
+}
+
+/// Trees of all kinds: as they are usually built, and with as many cuts as can be.
+fn trees(surfaces: &Surfaces) -> Vec<(&'static str, Wide)> {
+    vec![
+        ("balanced", Wide::build(surfaces, BuildPreset::Balanced)),
+        ("best", Wide::build(surfaces, BuildPreset::Best)),
+        ("shredded", shredded(surfaces)),
+    ]
+}
+
+fn shredded(surfaces: &Surfaces) -> Wide {
+    let ids = solid(surfaces);
+    if ids.is_empty() {
+        return Wide::default();
+    }
+    let boxes: Vec<Aabb> = ids.iter().map(|&id| bounds(surfaces, id)).collect();
+    let cuts = Cuts { more: 20 * ids.len(), fewest: 2, of_root: 0.0, of_node: 0.0 };
+    Wide::of(&spatial::build(surfaces, &ids, &boxes, cuts), &ids, surfaces)
+}
+
+/// Ways that lie in a triangle's plane but for a little, over its inside and out over an edge.
+fn grazing(surfaces: &Surfaces, tilt: f64) -> Vec<Ray> {
+    let triangles = (0..surfaces.triangles.len().min(12) as u32).map(|id| surfaces.triangle(id));
+    triangles
+        .map(|corners| corners.map(|v| DVec3::from(v.map(f64::from))))
+        .flat_map(|[a, b, c]| {
+            let normal = (b - a).cross(c - a).normalize_or_zero();
+            let across = |from: DVec3, over: DVec3, lift: f64| {
+                let origin = over + 3.0 * (from - over) + lift * tilt * normal;
+                let direction = over - origin;
+                Ray { origin, direction, t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE }
+            };
+            let middle = (a + b + c) / 3.0;
+            [
+                across(a, middle, 1.0),
+                across(0.5 * (a + b), c, -1.0),
+                across(b, 0.9 * a + 0.1 * c, 2.0),
+                across(b, c, 1.0),
+            ]
         })
+        .filter(|ray| ray.direction != DVec3::ZERO)
+        .collect()
 }
 
 /// Every way to trace at every level that the processor has.
@@ -41,9 +88,9 @@ proptest! {
         origin in prop::array::uniform3(prop_oneof![(-8i8..=8).prop_map(|c| f64::from(c) / 4.0), -3.0f64..3.0]),
         directions in prop::collection::vec(direction(), 8),
         far in prop_oneof![Just(1.0), Just(1e6)],
+        tilt in prop_oneof![Just(1e-17), Just(1e-15), Just(1e-12), Just(1e-9), Just(1e-6)],
     ) {
-        let wide = Wide::build(&surfaces, BuildPreset::Balanced);
-        let mut rays = Vec::new();
+        let mut rays = grazing(&surfaces, tilt);
         for d in directions {
             let ray = Ray {
                 origin: DVec3::from(origin) * far,
@@ -77,11 +124,15 @@ proptest! {
             }
         }
         let mut answers = vec![Answer::MISS; rays.len()];
-        for (level, traversal) in modes() {
+        for ((name, wide), (level, traversal)) in
+            trees(&surfaces).iter().flat_map(|tree| modes().map(move |mode| (tree, mode)))
+        {
             wide.trace_at(level, traversal, &surfaces, &(rays.as_slice(), false), &mut answers);
-            prop_assert_eq!(&answers, &truth, "{:?} {:?}", level, traversal);
+            for (index, (answer, truth)) in answers.iter().zip(&truth).enumerate() {
+                prop_assert_eq!(answer, truth, "{} {:?} {:?} {:?}", name, level, traversal, rays[index]);
+            }
             wide.trace_rays(level, &surfaces, &rays, true, &mut answers);
-            prop_assert_eq!(answers.iter().map(Answer::is_hit).collect::<Vec<_>>(), hits.clone(), "{:?}", level);
+            prop_assert_eq!(answers.iter().map(Answer::is_hit).collect::<Vec<_>>(), hits.clone(), "{} {:?}", name, level);
         }
     }
 }
@@ -122,7 +173,6 @@ proptest! {
         jitters in prop::collection::vec(prop::array::uniform3(-64i8..64), 20..150),
         far in prop_oneof![Just(1.0), Just(1.0), Just(1e4)],
     ) {
-        let wide = Wide::build(&surfaces, BuildPreset::Balanced);
         let mut rays = beam(&surfaces, DVec3::from(from) * far, DVec3::from(towards), spread, &jitters);
         let closest: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
         // From what they hit to a light at the first origin, as shadow rays go.
@@ -136,10 +186,11 @@ proptest! {
         rays.extend(limited);
         let truth: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
         let mut answers = vec![Answer::MISS; rays.len()];
-        for level in Level::ALL.into_iter().filter(|level| level.is_available()) {
+        let levels = || Level::ALL.into_iter().filter(|level| level.is_available());
+        for ((name, wide), level) in trees(&surfaces).iter().flat_map(|tree| levels().map(move |level| (tree, level))) {
             wide.trace_rays(level, &surfaces, &rays, false, &mut answers);
             for (index, (answer, truth)) in answers.iter().zip(&truth).enumerate() {
-                prop_assert_eq!(answer, truth, "{:?} {:?}", level, rays[index]);
+                prop_assert_eq!(answer, truth, "{} {:?} {:?}", name, level, rays[index]);
             }
             wide.trace_rays(level, &surfaces, &rays, true, &mut answers);
             for (index, (answer, truth)) in answers.iter().zip(&truth).enumerate() {
@@ -149,14 +200,63 @@ proptest! {
     }
 }
 
+/// A ball of small triangles and some that go right across it.
+fn sphere_with_sails() -> Surfaces {
+    let mesh = icosphere(5, DVec3::ZERO, 1.0);
+    let (mut positions, mut triangles) = (mesh.positions, mesh.triangles);
+    for sail in 0..20 {
+        let turn = sail as f32 / 10.0 - 1.0;
+        let first = positions.len() as u32;
+        positions.extend([[-2.0, turn, -1.0], [2.0, -turn, -turn], [turn, 1.5, 2.0]]);
+        triangles.push([first, first + 1, first + 2]);
+    }
+    Surfaces { positions: positions.into(), triangles: triangles.into(), ..Surfaces::default() }
+}
+
+#[test]
+fn no_more_leaves_than_allowed_and_each_primitive_in_one_at_least() {
+    let surfaces = sphere_with_sails();
+    let ids = solid(&surfaces);
+    let boxes: Vec<Aabb> = ids.iter().map(|&id| bounds(&surfaces, id)).collect();
+    for more in [0, 7, 500] {
+        let cuts = Cuts { more, ..Cuts::usual(ids.len()) };
+        let leaves = spatial::build(&surfaces, &ids, &boxes, cuts).nodes.len() / 2 + 1;
+        assert!(leaves <= ids.len() + more, "{leaves} of {}", ids.len() + more);
+        assert_eq!(leaves > ids.len(), more > 0, "sails are cut if they may be");
+    }
+    let wide = Wide::build(&surfaces, BuildPreset::Best);
+    let mut seen = vec![0; surfaces.len()];
+    let leaves = wide.tree.nodes.iter().flat_map(|node| node.children);
+    for child in leaves.filter(|&child| child & tree::LEAF != 0 && child != tree::EMPTY) {
+        let ids = &wide.tree.blocks[tree::block_number(child) as usize].ids[..(child & 7) as usize + 1];
+        for (lane, &id) in ids.iter().enumerate() {
+            assert!(!ids[..lane].contains(&id), "{id} is twice in a block");
+            seen[id as usize] += 1;
+        }
+    }
+    assert!(seen.iter().all(|&count| count >= 1) && seen.iter().any(|&count| count > 1));
+}
+
+#[test]
+fn primitives_without_an_order_make_no_deep_tree() {
+    // All in one place, and one within the other: nothing tells them apart.
+    let alike = [[[-1.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]]; 3000];
+    let nested: Vec<_> =
+        (0..3000).map(|k| alike[0].map(|v| v.map(|c| c * libm::exp2(-(k as f64) / 50.0) as f32))).collect();
+    for triangles in [alike.to_vec(), nested] {
+        let surfaces = Surfaces {
+            positions: triangles.concat().into(),
+            triangles: (0..3000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+            ..Surfaces::default()
+        };
+        let wide = Wide::build(&surfaces, BuildPreset::Best);
+        assert!(wide.tree.stack_size < 8 * 100, "{}", wide.tree.stack_size);
+    }
+}
+
 #[test]
 fn any_number_of_threads_builds_the_same_tree() {
-    let mesh = icosphere(5, DVec3::ZERO, 1.0);
-    let surfaces = Surfaces {
-        positions: mesh.positions.into(),
-        triangles: mesh.triangles.into(),
-        ..Surfaces::default()
-    };
+    let surfaces = sphere_with_sails();
     for preset in [BuildPreset::Fast, BuildPreset::Balanced, BuildPreset::Best] {
         let built = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -2,6 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::geometry::NONE;
 use crate::memory::{Array, HugeArray};
 use crate::scene::Surfaces;
 
@@ -138,6 +139,15 @@ impl TreeView<'_> {
     #[inline(always)]
     pub fn candidate(&self, candidate: u32) -> (&Block, usize) {
         (&self.blocks[((candidate & !SPHERE_CANDIDATE) >> 3) as usize], candidate as usize & (WIDTH - 1))
+    }
+
+    /// Whether a candidate, which may be none, is this primitive: it may be in several blocks.
+    #[inline(always)]
+    pub fn is_candidate(&self, candidate: u32, primitive: u32) -> bool {
+        candidate != NONE && {
+            let (block, lane) = self.candidate(candidate);
+            block.ids[lane] == primitive
+        }
     }
 }
 

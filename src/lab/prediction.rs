@@ -1,0 +1,76 @@
+//! What each rank will hold of a divided scene, before anyone asks for nodes.
+
+use crate::accel::Accel;
+use crate::accel::partition::Survey;
+use crate::accel::wide;
+use crate::render::{Renderer, cost};
+use crate::scene::Scene;
+use crate::settings::{BuildPreset, ImageSettings, Split};
+
+/// What one rank will hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct RankMemory {
+    pub primitives: u64,
+    /// Of the arrays of its part, in proportion to those of the whole.
+    pub scene_bytes: u64,
+    /// Of the hierarchy over its part.
+    pub bvh_bytes: u64,
+    /// While the hierarchy is built, about: the most that the rank will need at once.
+    pub peak_bytes: u64,
+}
+
+/// Foretells what each of `ranks` will hold by this split of a scene seen as `image` says. Counts primitives exactly; bytes are estimates. On the current rayon
+/// pool.
+pub fn predict(scene: &Scene, image: &ImageSettings, split: Split, ranks: usize) -> Vec<RankMemory> {
+    let all = scene.surfaces.len() as u64;
+    let counts = match split {
+        Split::Tiles | Split::Stream => vec![all; ranks],
+        Split::Triangles => {
+            let end = |rank: usize| all * rank as u64 / ranks as u64;
+            (0..ranks).map(|rank| end(rank + 1) - end(rank)).collect()
+        }
+        Split::Voxels => {
+            let looks = cost::looks(&Renderer::new(scene, &Accel::Brute, image), image.crop);
+            Survey::new(&scene.surfaces, ranks).divide(ranks, &looks).counts(&scene.surfaces, ranks)
+        }
+    };
+    let of_scene = scene.memory() as u64 / all.max(1);
+    let memory = |primitives: u64| {
+        let (scene_bytes, bvh_bytes) = (primitives * of_scene, primitives * wide::BYTES);
+        let peak_bytes = scene_bytes + primitives * wide::bytes_to_build(BuildPreset::Balanced);
+        RankMemory { primitives, scene_bytes, bvh_bytes, peak_bytes }
+    };
+    counts.into_iter().map(memory).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::accel::partition::by_number;
+    use crate::scene::load;
+    use crate::settings::{AccelKind, BuildSettings};
+
+    #[test]
+    fn counts_are_what_ranks_get_and_bytes_are_near() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/teapot.toml");
+        let scene = load::load(&path).unwrap().scene;
+        let (image, ranks) = (ImageSettings::sized(64, 64), 3);
+        let equal = predict(&scene, &image, Split::Triangles, ranks);
+        let parts: Vec<u64> =
+            (0..ranks).map(|rank| by_number(&scene.surfaces, ranks, rank).len() as u64).collect();
+        assert!(equal.iter().zip(&parts).all(|(told, &part)| told.primitives.abs_diff(part) <= 100));
+        let looks = cost::looks(&Renderer::new(&scene, &Accel::Brute, &image), image.crop);
+        let voxels = Survey::new(&scene.surfaces, ranks).divide(ranks, &looks);
+        for (rank, told) in predict(&scene, &image, Split::Voxels, ranks).iter().enumerate() {
+            let ids = voxels.part(&scene.surfaces, rank);
+            assert_eq!(told.primitives, ids.len() as u64);
+            let part = scene.subset(&ids);
+            let accel = Accel::build(AccelKind::Bvh, BuildSettings::default(), &part.surfaces);
+            let near = |told: u64, found: usize| (0.5..2.0).contains(&(told as f64 / found as f64));
+            assert!(near(told.scene_bytes, part.memory()), "{told:?}, {}", part.memory());
+            assert!(near(told.bvh_bytes, accel.memory()), "{told:?}, {}", accel.memory());
+        }
+    }
+}
