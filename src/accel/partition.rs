@@ -18,7 +18,7 @@ const FEWEST_PER_RANK: f64 = 4096.0;
 /// Most voxels that scenes get for being large, 2^24 where there are very many ranks.
 const MOST: f64 = (1u32 << 21) as f64;
 /// The weight of the rays that were looked at beside that of the primitives; memory is what this way of working is for.
-const RAYS_SHARE: f64 = 0.4;
+const RAYS_SHARE: f64 = 0.25;
 
 /// What lies where, before anything is anyone's.
 #[derive(Clone, Debug, Default)]

@@ -18,6 +18,7 @@ use crate::render::film::Film;
 use crate::render::relay::{Exit, Holding, Relay, Traveller};
 use crate::render::tile::{Tile, Tiling};
 use crate::scene::Scene;
+use crate::scene::load::Budget;
 use crate::settings::{Deal, Split};
 use crate::wire;
 
@@ -80,12 +81,25 @@ pub(super) fn scatter(crew: &Crew, work: &mut Work) -> Result<()> {
     share.value(&mut whole.header)?;
     scene.header.camera = whole.header.camera.clone();
     drop(whole);
-    // Rays must not come to a rank that still waits for its part.
-    comm.barrier();
+    share::agreed(comm, afford(&scene, work))?;
     work.accel = crew.pool.install(|| Accel::build(work.run.accel, work.run.build, &scene.surfaces));
+    // Rays must not come to a rank that still waits for its part, and are traced once all can be.
+    comm.barrier();
     work.scene = scene;
     work.division = Some(Division { ids, route });
     Ok(())
+}
+
+/// Whether this rank has the memory for a structure over its part.
+fn afford(part: &Scene, work: &Work) -> Result<()> {
+    let needed = Accel::memory_to_build(work.run.accel, work.run.build.preset, &part.surfaces);
+    match Budget::of_machine().lacks(needed) {
+        None => Ok(()),
+        Some(shortage) => Err(Error::launch(
+            format!("the accelerator over this rank's {} primitives needs {shortage}", part.surfaces.len()),
+            "start more ranks, on more nodes",
+        )),
+    }
 }
 
 fn too_little_ray_memory(crew: &Crew) -> Error {
