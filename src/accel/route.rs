@@ -107,3 +107,102 @@ impl Seen {
         self.count.replace(self.count.get() + 1)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::accel::Accel;
+    use crate::accel::partition::Survey;
+    use crate::geometry::NONE;
+    use crate::scene::Surfaces;
+    use crate::scene::mesh::Sphere;
+
+    /// All ranks that a ray asks.
+    fn asked(route: &Route, ray: &Ray, t_best: f64, ranks: usize, home: u32) -> Vec<usize> {
+        let mut all = Vec::new();
+        while let Some(rank) = route.next(ray, t_best, ranks, Progress { home, hops: all.len() as u32 }) {
+            all.push(rank);
+        }
+        all
+    }
+
+    fn surfaces() -> impl Strategy<Value = Surfaces> {
+        let point =
+            || prop::array::uniform3(prop_oneof![(-4i8..=4).prop_map(|c| f32::from(c) / 4.0), -1.0f32..1.0]);
+        let sphere = (point(), 0.01f32..0.4).prop_map(|(center, radius)| Sphere { center, radius });
+        let triangle = (point(), point(), point(), 0.05f32..1.0).prop_map(|(a, b, c, size)| {
+            let towards = |p: [f32; 3]| std::array::from_fn(|axis| a[axis] + size * (p[axis] - a[axis]));
+            [a, towards(b), towards(c)]
+        });
+        (prop::collection::vec(triangle, 0..200), prop::collection::vec(sphere, 0..10)).prop_map(
+            |(triangles, spheres)| Surfaces {
+                positions: triangles.concat().into(),
+                triangles: (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+                spheres: spheres.into(),
+                ..Surfaces::default()
+            },
+        )
+    }
+
+    fn direction() -> impl Strategy<Value = [f64; 3]> {
+        let component = prop_oneof![Just(0.0), Just(-0.0), Just(1.0), Just(-0.5), Just(1e-310), -1.0f64..1.0];
+        prop::array::uniform3(component).prop_filter("a direction", |d| d.iter().any(|c| c.abs() > 1e-3))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(40))]
+        #[test]
+        fn every_hit_is_held_by_a_rank_that_is_asked_for_it(
+            surfaces in surfaces(),
+            ranks in prop_oneof![1usize..6, Just(70)],
+            origins in prop::collection::vec(prop::array::uniform3(-2.0f64..2.0), 6),
+            directions in prop::collection::vec(direction(), 6),
+            far in prop_oneof![Just(1.0), Just(1e3), Just(1e9)],
+        ) {
+            let voxels = Survey::new(&surfaces, ranks).divide(ranks, &[]);
+            let parts: Vec<Vec<u32>> = (0..ranks).map(|rank| voxels.part(&surfaces, rank)).collect();
+            let route = Route::Voxels(voxels);
+            for (origin, direction) in origins.iter().zip(&directions) {
+                let (inside, along) = (DVec3::from(*origin), DVec3::from(*direction));
+                let from = if far > 1.0 { inside - along * far } else { inside };
+                let mut ray = Ray {
+                    origin: from, direction: along, t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE,
+                };
+                let all = asked(&route, &ray, f64::INFINITY, ranks, 0);
+                let mut once = all.clone();
+                once.sort_unstable();
+                once.dedup();
+                prop_assert_eq!(once.len(), all.len(), "a rank is asked twice");
+                // Every surface along the way, one after the other.
+                loop {
+                    let hit = Accel::Brute.closest(&surfaces, &ray);
+                    if !hit.is_hit() {
+                        break;
+                    }
+                    let before = asked(&route, &ray, hit.t, ranks, 0);
+                    let held = |&rank: &usize| parts[rank].binary_search(&hit.primitive).is_ok();
+                    prop_assert!(before.iter().any(held), "{hit:?} of {ray:?}: asked {before:?}");
+                    prop_assert!(asked(&route, &ray, f64::INFINITY, ranks, 0).starts_with(&before));
+                    (ray.t_min, ray.first_id) = (hit.t, hit.primitive + 1);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn where_all_are_asked_the_own_rank_is_first() {
+        let ray = Ray {
+            origin: DVec3::ZERO,
+            direction: DVec3::X,
+            t_min: 0.0,
+            t_max: 1.0,
+            first_id: 0,
+            start: NONE,
+        };
+        assert_eq!(asked(&Route::All, &ray, f64::INFINITY, 4, 2), [2, 3, 0, 1]);
+        assert!(asked(&Route::Voxels(Voxels::default()), &ray, f64::INFINITY, 4, 2).is_empty());
+    }
+}
