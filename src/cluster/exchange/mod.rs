@@ -11,7 +11,7 @@
 //! | `ANSWER` | worker → 0 | I have nothing to do; so many records I have sent and received in all |
 //! | `DONE` | 0 → worker | no record is left anywhere |
 //!
-//! **No deadlock.** A rank always takes in what arrives: what exceeds its memory goes to a file ([`pile`]). So every batch is granted in the end, and what isn't granted yet waits
+//! **No deadlock.** A rank always takes in what arrives: what exceeds its memory goes to a file. So every batch is granted in the end, and what isn't granted yet waits
 //! with its sender without stopping anything.
 //!
 //! **Bounded memory.** At most [`WINDOW`] batches are under way from one rank to another; piles, waves and what tasks make have their share of [`Limits`].
