@@ -5,10 +5,11 @@
 use rayon::prelude::*;
 
 use super::grid::Grid;
+use super::partition::{along_curve, run_of};
 use super::spheres::Spheres;
 use super::tester::Tester;
 use super::wide::Wide;
-use super::{Accel, bounds, brute, solid};
+use super::{Accel, brute};
 use crate::geometry::Ray;
 use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
@@ -16,8 +17,6 @@ use crate::settings::{AccelKind, BuildSettings};
 
 /// Bytes for each primitive while the parts are made, beside what building their structures takes.
 pub const BYTES_TO_DIVIDE: u64 = 24;
-/// Places along an axis of the curve.
-const PLACES: f64 = (1u64 << 21) as f64;
 
 /// Structures over parts of the primitives.
 #[derive(Clone, Debug)]
@@ -118,42 +117,11 @@ fn least(surfaces: &Surfaces, ray: &Ray, any: bool, a: Answer, b: Answer) -> Ans
     tester.verdict(false)
 }
 
-/// The primitives as equal runs along the curve through their middles, each in ascending order.
+/// The primitives as equal runs along a curve, each in ascending order; at most one for each primitive.
 fn runs(surfaces: &Surfaces, parts: usize) -> Vec<Vec<u32>> {
-    let ids = solid(surfaces);
-    let Some((low, high)) = bounds(surfaces, &ids) else { return Vec::new() };
-    let per_length = (PLACES - 1.0) / (high - low).max_element();
-    let mut along: Vec<(u64, u32)> = ids
-        .par_iter()
-        .map(|&id| {
-            let balls = surfaces.balls(id);
-            let place = (0..3).fold(0, |place, axis| {
-                let middle = (balls[0].0[axis] + balls[1].0[axis] + balls[2].0[axis]) / 3.0;
-                place | apart(((middle - low[axis]) * per_length) as u64) << axis
-            });
-            (place, id)
-        })
-        .collect();
-    along.par_sort_unstable();
-    let parts = parts.clamp(1, along.len());
-    (0..parts)
-        .map(|part| {
-            let run = part * along.len() / parts..(part + 1) * along.len() / parts;
-            let mut ids: Vec<u32> = along[run].iter().map(|&(_, id)| id).collect();
-            ids.sort_unstable();
-            ids
-        })
-        .collect()
-}
-
-/// The lowest 21 bits with two zeros between neighbours.
-fn apart(bits: u64) -> u64 {
-    let bits = bits & 0x1f_ffff;
-    let bits = (bits | bits << 32) & 0x001f_0000_0000_ffff;
-    let bits = (bits | bits << 16) & 0x001f_0000_ff00_00ff;
-    let bits = (bits | bits << 8) & 0x100f_00f0_0f00_f00f;
-    let bits = (bits | bits << 4) & 0x10c3_0c30_c30c_30c3;
-    (bits | bits << 2) & 0x1249_2492_4924_9249
+    let along = along_curve(surfaces);
+    let parts = parts.max(1).min(along.len());
+    (0..parts).map(|part| run_of(&along, parts, part)).collect()
 }
 
 #[cfg(test)]
@@ -184,14 +152,6 @@ mod tests {
         let mut all = runs(&surfaces, 3).concat();
         all.sort_unstable();
         assert_eq!(all, (1..9).collect::<Vec<_>>());
-    }
-
-    #[test]
-    fn bits_are_set_apart() {
-        for bit in 0..21 {
-            assert_eq!(apart(1 << bit), 1 << (3 * bit));
-        }
-        assert_eq!(apart(1 << 21), 0);
     }
 
     #[test]

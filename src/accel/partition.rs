@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::lattice::Lattice;
 use super::route::{NOBODY, Voxels};
-use super::solid_ids;
+use super::{bounds, solid, solid_ids};
 use crate::geometry::{Prepared, Ray};
 use crate::scene::Surfaces;
 
@@ -19,6 +19,8 @@ const FEWEST_PER_RANK: f64 = 4096.0;
 const MOST: f64 = (1u32 << 21) as f64;
 /// The weight of the rays that were looked at beside that of the primitives; memory is what this way of working is for.
 const RAYS_SHARE: f64 = 0.25;
+/// The last place along an axis of the curve.
+const PLACES: f64 = ((1u32 << 21) - 1) as f64;
 
 /// What lies where, before anything is anyone's.
 #[derive(Clone, Debug, Default)]
@@ -130,30 +132,31 @@ impl Voxels {
     }
 }
 
-/// The primitives, ascending, of one of `ranks` where nothing but their number counts: a run along a Morton curve through the middles of their boxes. On the
-/// current rayon pool.
-pub fn by_number(surfaces: &Surfaces, ranks: usize, rank: usize) -> Vec<u32> {
-    let Some((low, high)) = surfaces.bounds() else { return Vec::new() };
-    let cells = f64::from(1 << 20);
-    let size = (high - low).max_element().max(f64::MIN_POSITIVE) / cells;
-    let mut keyed: Vec<(u64, u32)> = solid_ids(surfaces)
+/// All primitives that can be hit, along a Morton curve (Morton 1966) through their middles. On the current rayon pool.
+pub fn along_curve(surfaces: &Surfaces) -> Vec<u32> {
+    let ids = solid(surfaces);
+    let Some((low, high)) = bounds(surfaces, &ids) else { return Vec::new() };
+    let per_length = PLACES / (high - low).max_element();
+    let mut along: Vec<(u64, u32)> = ids
+        .into_par_iter()
         .map(|id| {
-            let middle = match surfaces.sphere_at(id) {
-                Some(sphere) => sphere.center.map(f64::from),
-                None => {
-                    let [a, b, c] = surfaces.triangle(id).map(|v| v.map(f64::from));
-                    std::array::from_fn(|k| 0.5 * (a[k].min(b[k]).min(c[k]) + a[k].max(b[k]).max(c[k])))
-                }
-            };
-            let place = std::array::from_fn(|k| ((middle[k] - low[k]) / size).clamp(0.0, cells - 1.0) as u32);
+            let balls = surfaces.balls(id);
+            let place = std::array::from_fn(|axis| {
+                let middle = (balls[0].0[axis] + balls[1].0[axis] + balls[2].0[axis]) / 3.0;
+                ((middle - low[axis]) * per_length) as u32
+            });
             (morton(place), id)
         })
         .collect();
-    keyed.par_sort_unstable();
-    let end = |rank: usize| keyed.len() * rank / ranks;
-    let mut part: Vec<u32> = keyed[end(rank)..end(rank + 1)].iter().map(|&(_, id)| id).collect();
-    part.par_sort_unstable();
-    part
+    along.par_sort_unstable();
+    along.into_iter().map(|(_, id)| id).collect()
+}
+
+/// Part `part` of `parts` equal ones of primitives along a curve, in ascending order.
+pub fn run_of(along: &[u32], parts: usize, part: usize) -> Vec<u32> {
+    let mut ids = along[along.len() * part / parts..along.len() * (part + 1) / parts].to_vec();
+    ids.par_sort_unstable();
+    ids
 }
 
 /// The place of a point, 21 bits an axis, along a Morton curve.
@@ -190,6 +193,10 @@ mod tests {
         assert_eq!(morton([0, 3, 0]), 0b010_010);
         assert_eq!(morton([2, 0, 1]), 0b001_100);
         assert_eq!(morton([0x1f_ffff; 3]), (1 << 63) - 1);
+        for bit in 0..21 {
+            assert_eq!(morton([1 << bit, 0, 0]), 1 << (3 * bit));
+        }
+        assert_eq!(morton([1 << 21, 0, 0]), 0);
     }
 
     #[test]
@@ -214,7 +221,8 @@ mod tests {
     #[test]
     fn equal_numbers_are_equal() {
         let surfaces = surfaces();
-        let parts: Vec<_> = (0..7).map(|rank| by_number(&surfaces, 7, rank)).collect();
+        let along = along_curve(&surfaces);
+        let parts: Vec<_> = (0..7).map(|part| run_of(&along, 7, part)).collect();
         assert!(parts.iter().all(|part| part.is_sorted() && part.len().abs_diff(7200 / 7) <= 1));
         let mut all = parts.concat();
         all.sort_unstable();
@@ -225,6 +233,6 @@ mod tests {
     fn nothing_is_nobodys() {
         let survey = Survey::new(&Surfaces::default(), 3);
         assert!(survey.divide(3, &[]).part(&Surfaces::default(), 1).is_empty());
-        assert!(by_number(&Surfaces::default(), 2, 1).is_empty());
+        assert!(run_of(&along_curve(&Surfaces::default()), 2, 1).is_empty());
     }
 }

@@ -12,7 +12,7 @@ pub mod parcel;
 pub mod share;
 pub mod threads;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 
 pub use crate::wire;
 pub use comm::{Comm, Message, Solo, Tag};
@@ -53,6 +53,19 @@ fn join(launch: &launcher::Launch) -> Result<Box<dyn Comm>> {
 #[cfg(not(feature = "mpi"))]
 fn join(launch: &launcher::Launch) -> Result<Box<dyn Comm>> {
     Err(launch.refused_without_mpi())
+}
+
+/// What a message that no rank of this build would send is.
+fn stray(message: &Message) -> Error {
+    Error::launch(
+        format!(
+            "rank {} sent a message of kind {} and {} bytes, which means nothing here",
+            message.from,
+            message.tag,
+            message.bytes.len()
+        ),
+        "run the same build of heliostat on all nodes",
+    )
 }
 
 /// The whole life of a process in a job: starts, does `job`, ends; the exit code tells how.

@@ -42,7 +42,7 @@ pub struct Crew<'a> {
 /// Collective: gives every rank what the split wants it to have of rank 0's work: all, or its part of the scene and a structure over that.
 pub fn distribute(crew: &Crew, work: &mut Work) -> Result<()> {
     let _span = crew.timeline.span(0, "distribute");
-    let split = share::agreed_split(crew.comm, work.run.split)?;
+    let split = crate::cluster::share::computed(crew.comm, || Ok(work.run.split))?;
     if split.is_partitioned() { partition::scatter(crew, work) } else { work.share(Share::new(crew.comm)) }
 }
 

@@ -34,7 +34,7 @@ pub fn unpack(bytes: &[u8]) -> Result<(Scene, Vec<u32>)> {
     let (header, sizes): (_, Vec<(u32, u32)>) = wire::decode(&take::<u8>(&mut rest)?)?;
     scene.header = header;
     let surfaces = &mut scene.surfaces;
-    surfaces.objects = scene.header.parts.iter().map(|part| part.first).collect();
+    surfaces.objects = scene.header.objects();
     surfaces.positions = take(&mut rest)?.into();
     surfaces.triangles = take(&mut rest)?.into();
     surfaces.spheres = take(&mut rest)?.into();

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::{Crew, Work};
 use crate::accel::Accel;
-use crate::accel::partition::{Survey, by_number, morton};
+use crate::accel::partition::{Survey, along_curve, morton, run_of};
 use crate::accel::route::Route;
 use crate::cluster::exchange::{self, Limits, Outbox, Station};
 use crate::cluster::parcel;
@@ -31,6 +31,8 @@ pub struct Division {
     /// Of each primitive here its id in the whole, ascending.
     pub ids: Vec<u32>,
     pub route: Route,
+    /// How many rays may be where.
+    limits: Limits,
 }
 
 /// Collective: rank 0 cuts its scene and every rank gets its part of it, with a structure over that.
@@ -39,9 +41,8 @@ pub(super) fn scatter(crew: &Crew, work: &mut Work) -> Result<()> {
     let ranks = comm.size();
     share.value(&mut work.image)?;
     share.value(&mut work.run)?;
-    let limits: Option<Limits> =
-        Limits::new::<Traveller>(work.run.ray_memory, ranks, crew.pool.current_num_threads());
-    share::agreed(comm, limits.map(|_| ()).ok_or_else(|| too_little_ray_memory(crew)))?;
+    let limits = Limits::new::<Traveller>(work.run.ray_memory, ranks, crew.pool.current_num_threads());
+    let limits = share::agreed(comm, limits.ok_or_else(|| too_little_ray_memory(crew)))?;
 
     // Rank 0 has all, if only as a file that it has mapped: it tells whose is what.
     let mut whole = std::mem::take(&mut work.scene);
@@ -54,21 +55,24 @@ pub(super) fn scatter(crew: &Crew, work: &mut Work) -> Result<()> {
     let route: Route = wire::decode(&route)?;
 
     // From a file each rank copies its own part. Else rank 0 sends it.
+    let cuts = in_file || comm.rank() == 0;
+    let pool = if in_file { crew.pool } else { crew.wide };
+    let along =
+        if cuts && route == Route::All { pool.install(|| along_curve(&whole.surfaces)) } else { Vec::new() };
     let part = |rank: usize| match &route {
         Route::Voxels(voxels) => voxels.part(&whole.surfaces, rank),
-        Route::All => by_number(&whole.surfaces, ranks, rank),
+        Route::All => run_of(&along, ranks, rank),
     };
-    let (mut scene, ids) = if in_file || comm.rank() == 0 {
+    let (mut scene, ids) = if cuts {
         if !in_file {
             for rank in 1..ranks {
-                let packed = crew.wide.install(|| {
+                let packed = pool.install(|| {
                     let ids = part(rank);
                     super::pack::pack(&whole.subset(&ids), &ids)
                 });
                 parcel::send(comm, rank, &packed?);
             }
         }
-        let pool = if in_file { crew.pool } else { crew.wide };
         let rank = comm.rank();
         pool.install(|| {
             let ids = part(rank);
@@ -86,7 +90,7 @@ pub(super) fn scatter(crew: &Crew, work: &mut Work) -> Result<()> {
     // Rays must not come to a rank that still waits for its part, and are traced once all can be.
     comm.barrier();
     work.scene = scene;
-    work.division = Some(Division { ids, route });
+    work.division = Some(Division { ids, route, limits });
     Ok(())
 }
 
@@ -123,9 +127,7 @@ fn survey(whole: &Scene, work: &Work, ranks: usize) -> Route {
 /// Collective: renders by rays that travel between the parts; rank 0 gets the film.
 pub(super) fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Option<Film>> {
     let comm = crew.comm;
-    let Division { ids, route } = work.division.take().expect("the scene was divided");
-    let limits = Limits::new::<Traveller>(work.run.ray_memory, comm.size(), crew.pool.current_num_threads())
-        .ok_or_else(|| too_little_ray_memory(crew))?;
+    let Division { ids, route, limits } = work.division.take().expect("the scene was divided");
     let begin = Instant::now();
     let holding = Holding {
         scene: std::mem::take(&mut work.scene),
@@ -182,7 +184,7 @@ pub(super) fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Res
     });
     outcome?;
     stats.seconds.gather = begin.elapsed().as_secs_f64() - stats.seconds.trace;
-    work.division = Some(Division { ids: holding.ids, route });
+    work.division = Some(Division { ids: holding.ids, route, limits });
     (work.scene, work.accel) = (holding.scene, holding.accel);
     Ok((comm.rank() == 0).then_some(film))
 }

@@ -2,12 +2,11 @@
 
 use super::partition::Division;
 use crate::accel::Accel;
-use crate::cluster::Comm;
 use crate::cluster::share::Share;
 use crate::error::Result;
 use crate::scene::load::helio;
 use crate::scene::{Scene, Texture};
-use crate::settings::{ImageSettings, RunSettings, Split};
+use crate::settings::{ImageSettings, RunSettings};
 
 /// The whole work of a render: scene, accelerator and settings.
 #[derive(Clone, Debug)]
@@ -65,11 +64,6 @@ impl Work {
             }
         }
     }
-}
-
-/// Collective: rank 0's split on every rank, before anything else of the work is there.
-pub(super) fn agreed_split(comm: &dyn Comm, split: Split) -> Result<Split> {
-    crate::cluster::share::computed(comm, || Ok(split))
 }
 
 fn share_scene(scene: &mut Scene, share: Share) -> Result<()> {

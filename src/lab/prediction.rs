@@ -48,7 +48,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::accel::partition::by_number;
+    use crate::accel::partition::{along_curve, run_of};
     use crate::scene::load;
     use crate::settings::{AccelKind, BuildSettings};
 
@@ -58,8 +58,8 @@ mod tests {
         let scene = load::load(&path).unwrap().scene;
         let (image, ranks) = (ImageSettings::sized(64, 64), 3);
         let equal = predict(&scene, &image, Split::Triangles, ranks);
-        let parts: Vec<u64> =
-            (0..ranks).map(|rank| by_number(&scene.surfaces, ranks, rank).len() as u64).collect();
+        let along = along_curve(&scene.surfaces);
+        let parts: Vec<u64> = (0..ranks).map(|rank| run_of(&along, ranks, rank).len() as u64).collect();
         assert!(equal.iter().zip(&parts).all(|(told, &part)| told.primitives.abs_diff(part) <= 100));
         let looks = cost::looks(&Renderer::new(&scene, &Accel::Brute, &image), image.crop);
         let voxels = Survey::new(&scene.surfaces, ranks).divide(ranks, &looks);

@@ -269,7 +269,7 @@ impl SceneBuilder {
         header
             .parts
             .extend(self.sphere_parts.into_iter().map(|part| Part { first: part.first + triangles, ..part }));
-        self.surfaces.objects = header.parts.iter().map(|part| part.first).collect();
+        self.surfaces.objects = header.objects();
         header.materials = self.materials;
         header.frame = frame;
         store_camera(&mut header.camera, &frame);

@@ -60,6 +60,13 @@ pub struct SceneHeader {
     pub ambient_floor: f64,
 }
 
+impl SceneHeader {
+    /// The first primitive of each object: see [`Surfaces::objects`].
+    pub fn objects(&self) -> Vec<u32> {
+        self.parts.iter().map(|part| part.first).collect()
+    }
+}
+
 impl Scene {
     /// Bytes of the large arrays.
     pub fn memory(&self) -> usize {

@@ -3,17 +3,18 @@
 //! Primitive ids of a subset are places in the ascending list of those that it was made of, so hits of equal t are ordered as in the whole. It lies in the stored
 //! space of the whole.
 
+use bytemuck::Pod;
 use rayon::prelude::*;
 
-use super::mesh::{NONE, Part, Sphere, Surfaces};
+use super::mesh::{NONE, Part, Surfaces};
 use super::{Scene, Texture};
+use crate::memory::Store;
 
 impl Scene {
     /// The primitives `ids`, ascending, with their vertices, and the textures of their materials; the others' are left empty. All materials and lights stay. On the current rayon pool.
     pub fn subset(&self, ids: &[u32]) -> Scene {
         let mut part = Scene { header: self.header.clone(), ..Scene::default() };
         part.header.parts.clear();
-        let mut arrays = Arrays::default();
         let triangles = self.surfaces.triangles.len() as u32;
         for (number, whole) in self.header.parts.iter().enumerate() {
             let end = self.header.parts.get(number + 1).map_or(NONE, |next| next.first);
@@ -22,18 +23,18 @@ impl Scene {
             if own.is_empty() {
                 continue;
             }
-            let first = (arrays.triangles.len() + arrays.spheres.len()) as u32;
+            let first = part.surfaces.len() as u32;
             let moved = if whole.first < triangles {
-                self.append_triangles(whole, own, &mut arrays)
+                self.append_triangles(whole, own, &mut part.surfaces)
             } else {
                 let spheres = &self.surfaces.spheres;
-                arrays.spheres.extend(own.iter().map(|&id| spheres[(id - triangles) as usize]));
+                let own = own.iter().map(|&id| spheres[(id - triangles) as usize]);
+                append(&mut part.surfaces.spheres, own.collect());
                 *whole
             };
             part.header.parts.push(Part { first, ..moved });
         }
-        part.surfaces = arrays.into();
-        part.surfaces.objects = part.header.parts.iter().map(|part| part.first).collect();
+        part.surfaces.objects = part.header.objects();
         part.textures = vec![Texture::default(); self.textures.len()];
         for Part { material, .. } in &part.header.parts {
             if let Some(texture) = self.header.materials[*material as usize].texture {
@@ -44,16 +45,15 @@ impl Scene {
     }
 
     /// Appends triangles of one part, and the vertices that they use in the order of the whole.
-    fn append_triangles(&self, whole: &Part, ids: &[u32], to: &mut Arrays) -> Part {
+    fn append_triangles(&self, whole: &Part, ids: &[u32], to: &mut Surfaces) -> Part {
         let from = &self.surfaces;
         let corners = |id: u32| from.triangles[id as usize].map(|index| index - whole.vertices);
         let used = Numbering::new(ids.par_iter().flat_map_iter(|&id| corners(id)));
         let vertices = to.positions.len() as u32;
-        to.triangles.par_extend(ids.par_iter().map(|&id| corners(id).map(|old| vertices + used.number(old))));
-        let copy = |base: u32, source: &[[f32; 3]], target: &mut Vec<[f32; 3]>| {
-            let start = target.len() as u32;
-            target.extend(used.members().map(|old| source[(base + old) as usize]));
-            start
+        let triangles = ids.par_iter().map(|&id| corners(id).map(|old| vertices + used.number(old)));
+        append(&mut to.triangles, triangles.collect());
+        let copy = |base: u32, source: &[[f32; 3]], target: &mut Store<[f32; 3]>| {
+            append(target, used.members().map(|old| source[(base + old) as usize]).collect())
         };
         copy(whole.vertices, &from.positions, &mut to.positions);
         let mut moved = Part { vertices, ..*whole };
@@ -64,38 +64,18 @@ impl Scene {
             moved.colors = copy(whole.colors, &from.colors, &mut to.colors);
         }
         if whole.uvs != NONE {
-            moved.uvs = to.uvs.len() as u32;
-            to.uvs.extend(used.members().map(|old| from.uvs[(whole.uvs + old) as usize]));
+            let uvs = used.members().map(|old| from.uvs[(whole.uvs + old) as usize]);
+            moved.uvs = append(&mut to.uvs, uvs.collect());
         }
         moved
     }
 }
 
-/// The arrays of [`Surfaces`] while they grow.
-#[derive(Default)]
-struct Arrays {
-    positions: Vec<[f32; 3]>,
-    triangles: Vec<[u32; 3]>,
-    spheres: Vec<Sphere>,
-    normals: Vec<[f32; 3]>,
-    uvs: Vec<[f32; 2]>,
-    colors: Vec<[f32; 3]>,
-}
-
-impl From<Arrays> for Surfaces {
-    fn from(arrays: Arrays) -> Self {
-        let Arrays { positions, triangles, spheres, normals, uvs, colors } = arrays;
-        Surfaces {
-            positions: positions.into(),
-            triangles: triangles.into(),
-            spheres: spheres.into(),
-            normals: normals.into(),
-            uvs: uvs.into(),
-            colors: colors.into(),
-            guests: Vec::new(),
-            objects: Vec::new(),
-        }
-    }
+/// Appends to an array; where the new elements begin.
+fn append<T: Pod>(to: &mut Store<T>, elements: Vec<T>) -> u32 {
+    let first = to.len() as u32;
+    to.append(elements).expect("memory for a part of the scene");
+    first
 }
 
 /// A set of numbers, and the place of each among them in ascending order.

@@ -28,6 +28,7 @@ use rayon::ThreadPool;
 use serde::{Deserialize, Serialize};
 
 use super::comm::{Comm, Message, Tag};
+use super::stray;
 use crate::error::{Error, Result};
 pub use fixed::run_fixed;
 use hand::Hand;
@@ -225,16 +226,4 @@ fn read_units(message: &Message) -> Result<Vec<u32>> {
 fn split_result(message: &Message) -> Result<(u32, &[u8])> {
     let (bytes, unit) = message.bytes.split_last_chunk().ok_or_else(|| stray(message))?;
     Ok((u32::from_le_bytes(*unit), bytes))
-}
-
-fn stray(message: &Message) -> Error {
-    Error::launch(
-        format!(
-            "rank {} sent a message of kind {} and {} bytes, which means nothing here",
-            message.from,
-            message.tag,
-            message.bytes.len()
-        ),
-        "run the same build of heliostat on all nodes",
-    )
 }

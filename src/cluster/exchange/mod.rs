@@ -37,7 +37,8 @@ use rayon::ThreadPool;
 use serde::{Deserialize, Serialize};
 
 use super::comm::{Backoff, Comm, Message, Tag};
-use crate::error::{Error, Result};
+use super::stray;
+use crate::error::Result;
 use pile::Pile;
 
 const RECORDS: Tag = 11;
@@ -448,16 +449,4 @@ impl<'a, T: Pod> Post<'a, T> {
         workers.for_each(|to| self.comm.send(to, PROBE, self.comm.take_buffer()));
         false
     }
-}
-
-fn stray(message: &Message) -> Error {
-    Error::launch(
-        format!(
-            "rank {} sent a message of kind {} and {} bytes, which means nothing here",
-            message.from,
-            message.tag,
-            message.bytes.len()
-        ),
-        "run the same build of heliostat on all nodes",
-    )
 }

@@ -84,7 +84,7 @@ pub fn open(path: &Path) -> Result<Loaded> {
         uvs: file.section("uvs")?,
         colors: file.section("colors")?,
         guests: Vec::new(),
-        objects: contents.scene.parts.iter().map(|part| part.first).collect(),
+        objects: contents.scene.objects(),
     };
     let textures = contents
         .textures
