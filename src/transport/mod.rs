@@ -3,6 +3,7 @@
 //!
 //! Shading is done in f64.
 
+pub mod bsdf;
 mod phong;
 pub mod sampler;
 pub mod surface;

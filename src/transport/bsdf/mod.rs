@@ -1,0 +1,115 @@
+//! How a surface scatters light: what the path integrator evaluates and samples. Pure functions of directions and uniform numbers;
+//! knows no scene, ray or random sequence.
+//!
+//! Directions are unit vectors in the local frame of a hit: z is the shading normal on the side the ray came from, `wo` points to
+//! the viewer, `wi` to where light comes from. A `wo` below the frame (which interpolated normals can bring about) scatters
+//! nothing but straight through: use the geometric normal's frame there. Whether `wi` is on its side of the geometric normal is
+//! for the caller to check.
+
+mod classic;
+mod diffuse;
+mod fresnel;
+mod phong;
+mod specular;
+
+use glam::DVec3;
+
+use self::classic::Classic;
+use super::{BLACK, scaled, times};
+use crate::scene::{Color, Material};
+
+/// The lobes of one hit.
+#[derive(Clone, Copy, Debug)]
+pub struct Bsdf(Lobes);
+
+#[derive(Clone, Copy, Debug)]
+enum Lobes {
+    /// The albedo. Most of what is hit is of this kind, so it has a way of its own.
+    Diffuse(Color),
+    Classic(Classic),
+}
+
+/// A sampled direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scattered {
+    pub wi: DVec3,
+    /// f · |cos θi| / pdf of all lobes that could have made it; of a delta lobe its weight over its chance.
+    pub weight: Color,
+    /// Per solid angle, infinite of a delta lobe.
+    pub pdf: f64,
+    /// Whether `wi` is behind the surface.
+    pub transmitted: bool,
+}
+
+impl Bsdf {
+    /// The lobes of a material. `diffuse_tint` multiplies kd; `entering` tells that the viewer is outside.
+    #[inline]
+    pub fn new(material: &Material, diffuse_tint: Color, entering: bool) -> Self {
+        let Material { ks, kr, kt, reflectivity, .. } = material;
+        if *ks == BLACK && *kr == BLACK && *kt == BLACK && *reflectivity == 0.0 {
+            return Bsdf(Lobes::Diffuse(times(material.kd, diffuse_tint)));
+        }
+        Bsdf(Lobes::Classic(Classic::new(material, diffuse_tint, entering)))
+    }
+
+    /// Whether light from a given direction can be asked for: some lobe isn't a delta.
+    #[inline]
+    pub fn is_smooth(&self) -> bool {
+        match &self.0 {
+            Lobes::Diffuse(albedo) => *albedo != BLACK,
+            Lobes::Classic(lobes) => lobes.is_smooth(),
+        }
+    }
+
+    /// f(wo, wi) · |cos θi| of the smooth lobes, and the density per solid angle with which [`sample`](Bsdf::sample) makes
+    /// `wi` by them. A delta lobe counts nothing, but the chance of not choosing it is in the density.
+    #[inline]
+    pub fn evaluate(&self, wo: DVec3, wi: DVec3) -> (Color, f64) {
+        match &self.0 {
+            Lobes::Diffuse(albedo) => {
+                if wo.z <= 0.0 || wi.z <= 0.0 || *albedo == BLACK {
+                    return (BLACK, 0.0);
+                }
+                let pdf = diffuse::pdf(wi.z);
+                (scaled(*albedo, pdf), pdf)
+            }
+            Lobes::Classic(lobes) => lobes.evaluate(wo, wi),
+        }
+    }
+
+    /// A direction that light comes from, by three numbers in [0, 1), the first of which chooses the lobe. `None` where nothing is
+    /// scattered.
+    #[inline]
+    pub fn sample(&self, wo: DVec3, u: [f64; 3]) -> Option<Scattered> {
+        match &self.0 {
+            Lobes::Diffuse(albedo) => {
+                if wo.z <= 0.0 || *albedo == BLACK {
+                    return None;
+                }
+                let wi = diffuse::sample([u[1], u[2]]);
+                let pdf = diffuse::pdf(wi.z);
+                (pdf > 0.0).then_some(Scattered { wi, weight: *albedo, pdf, transmitted: false })
+            }
+            Lobes::Classic(lobes) => lobes.sample(wo, u),
+        }
+    }
+}
+
+impl Scattered {
+    fn smooth(wi: DVec3, value: Color, pdf: f64) -> Option<Self> {
+        let weight = value.map(|c| c / pdf);
+        (pdf > 0.0 && weight != BLACK).then_some(Scattered { wi, weight, pdf, transmitted: wi.z < 0.0 })
+    }
+
+    fn delta(wi: DVec3, weight: Color, transmitted: bool) -> Self {
+        Scattered { wi, weight, pdf: f64::INFINITY, transmitted }
+    }
+}
+
+/// What the lobes of a mixture are chosen by: no lobe that adds something has none.
+fn mean(color: Color) -> f64 {
+    (color[0] + color[1] + color[2]) / 3.0
+}
+
+#[cfg(test)]
+mod tests;
