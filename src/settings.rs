@@ -16,8 +16,13 @@ pub struct ImageSettings {
     pub integrator: Integrator,
     /// Bounces after the eye ray; what lies beyond contributes nothing.
     pub max_depth: u32,
-    /// A branch whose throughput is below this in every channel ends; 0 ends none.
+    /// A branch whose throughput is below this in every channel ends; 0 ends none. Not used by paths.
     pub min_weight: f64,
+    /// Bounces after which a path may end by chance (Russian roulette), which changes no mean.
+    pub roulette: u32,
+    /// How paths find lights.
+    pub direct: Direct,
+    pub sampler: SamplerKind,
     pub filter: Filter,
     pub encoding: Encoding,
     pub show: Show,
@@ -30,6 +35,8 @@ impl Default for ImageSettings {
 }
 
 impl ImageSettings {
+    pub const ROULETTE: u32 = 4;
+
     /// The defaults for a whole image of this size in pixels.
     pub fn sized(width: u32, height: u32) -> Self {
         ImageSettings {
@@ -41,6 +48,9 @@ impl ImageSettings {
             integrator: Integrator::Whitted,
             max_depth: 8,
             min_weight: 0.0,
+            roulette: Self::ROULETTE,
+            direct: Direct::Both,
+            sampler: SamplerKind::Sobol,
             filter: Filter::Box,
             encoding: Encoding::Srgb,
             show: Show::Scene,
@@ -73,6 +83,46 @@ impl Crop {
 pub enum Integrator {
     /// Local illumination, shadows, mirror and refraction rays (Whitted 1980).
     Whitted,
+    /// Paths with next-event estimation: all that light does between surfaces (Kajiya 1986; Veach 1997).
+    Path,
+}
+
+impl Integrator {
+    /// Bounces that are followed unless something else is asked for: of paths all that matter, as Russian roulette ends them.
+    pub fn max_depth(self) -> u32 {
+        match self {
+            Integrator::Whitted => 8,
+            Integrator::Path => 1000,
+        }
+    }
+}
+
+/// How paths find lights that have an extent. All have the same mean.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Direct {
+    /// By both of the others, weighted by the power heuristic (multiple importance sampling; Veach and Guibas 1995).
+    #[default]
+    Both,
+    /// By choosing points on lights.
+    Light,
+    /// By where bounces happen to go.
+    Bsdf,
+}
+
+/// The numbers that samples are made of: each a function of seed, pixel, sample, path and dimension.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum SamplerKind {
+    /// Independent random numbers.
+    Independent,
+    /// Jittered cells, in pairs of dimensions (Kensler 2013, "Correlated Multi-Jittered Sampling").
+    Stratified,
+    /// Owen-scrambled Sobol points (Burley 2020), scrambled anew for each pixel.
+    #[default]
+    Sobol,
+    /// One such sequence along a Morton curve through all pixels: the error is spread like blue noise (Ahmed and Wonka 2020).
+    Blue,
 }
 
 /// The pixel filter that samples are distributed by.

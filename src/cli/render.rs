@@ -18,8 +18,8 @@ use crate::output::write::{self, Target, WriteOptions};
 use crate::output::{file, metadata};
 use crate::scene::load::{self, ImageDefaults};
 use crate::settings::{
-    AccelKind, BuildPreset, BuildSettings, Crop, Deal, Encoding, Filter, ImageSettings, Integrator,
-    RunSettings, Show, Split, Within,
+    AccelKind, BuildPreset, BuildSettings, Crop, Deal, Direct, Encoding, Filter, ImageSettings, Integrator,
+    RunSettings, SamplerKind, Show, Split, Within,
 };
 
 #[derive(Debug, clap::Args)]
@@ -51,10 +51,19 @@ pub struct Args {
     /// How light is carried [default: the scene's, else whitted]
     #[arg(long, env = "HELIOSTAT_INTEGRATOR", help_heading = "Image")]
     integrator: Option<Integrator>,
-    /// Bounces after the eye ray [default: the scene's, else 8]
+    /// Bounces after the eye ray [default: the scene's, else 8, of paths 1000]
     #[arg(long, value_name = "N", env = "HELIOSTAT_MAX_DEPTH", help_heading = "Image")]
     max_depth: Option<u32>,
-    /// End branches whose weight is below this; 0 ends none [default: the scene's, else 0]
+    /// Bounces after which paths may end by chance, which changes no mean
+    #[arg(long, value_name = "N", env = "HELIOSTAT_ROULETTE", default_value_t = ImageSettings::ROULETTE, help_heading = "Image")]
+    roulette: u32,
+    /// How paths find lights that have an extent
+    #[arg(long, env = "HELIOSTAT_DIRECT", default_value = "both", help_heading = "Image")]
+    direct: Direct,
+    /// The random numbers that samples are made of [default: the scene's, else sobol]
+    #[arg(long, env = "HELIOSTAT_SAMPLER", help_heading = "Image")]
+    sampler: Option<SamplerKind>,
+    /// End branches whose weight is below this; 0 ends none; not for paths [default: the scene's, else 0]
     #[arg(long, value_name = "X", env = "HELIOSTAT_MIN_WEIGHT", value_parser = weight, help_heading = "Image")]
     min_weight: Option<f64>,
     /// Pixel filter [default: the scene's, else box]
@@ -274,15 +283,19 @@ fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
             "give X1 and Y1 up to the image's width and height",
         ));
     }
+    let integrator = args.integrator.or(scene.integrator).unwrap_or(default.integrator);
     Ok(ImageSettings {
         width,
         height,
         crop,
         spp: args.spp.or(scene.spp).unwrap_or(default.spp),
         seed: args.seed.or(scene.seed).unwrap_or(default.seed),
-        integrator: args.integrator.or(scene.integrator).unwrap_or(default.integrator),
-        max_depth: args.max_depth.or(scene.max_depth).unwrap_or(default.max_depth),
+        integrator,
+        max_depth: args.max_depth.or(scene.max_depth).unwrap_or(integrator.max_depth()),
         min_weight: args.min_weight.or(scene.min_weight).unwrap_or(default.min_weight),
+        roulette: args.roulette,
+        direct: args.direct,
+        sampler: args.sampler.or(scene.sampler).unwrap_or(default.sampler),
         filter: args.filter.or(scene.filter).unwrap_or(default.filter),
         encoding: args.encoding.or(scene.encoding).unwrap_or(default.encoding),
         show: args.show,

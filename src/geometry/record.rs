@@ -35,6 +35,8 @@ pub struct RayRecord {
     pub t_max: f64,
     /// Linear RGB weight of what the ray will find; of a shadow ray the whole pending contribution.
     pub throughput: [f64; 3],
+    /// Of a path: the solid-angle density with which its last bounce chose this direction; infinite where it had no choice.
+    pub pdf: f64,
     /// Names the branch of the ray tree, for random numbers.
     pub path: u64,
     /// y * width + x of the whole image.
@@ -69,6 +71,7 @@ impl RayRecord {
             t_min: 0.0,
             t_max: f64::INFINITY,
             throughput: [1.0; 3],
+            pdf: f64::INFINITY,
             path: 1,
             pixel,
             sample,

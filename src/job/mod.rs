@@ -22,7 +22,7 @@ use crate::render::filter::FilterTable;
 use crate::render::tile::Tiling;
 use crate::render::{RayTally, Renderer, cost};
 use crate::scene::Scene;
-use crate::settings::{ImageSettings, RunSettings, Split, Within};
+use crate::settings::{ImageSettings, Integrator, RunSettings, Split, Within};
 use crate::wire;
 
 pub use partition::Division;
@@ -42,6 +42,9 @@ pub struct Crew<'a> {
 /// Collective: gives every rank what the split wants it to have of rank 0's work: all, or its part of the scene and a structure over that.
 pub fn distribute(crew: &Crew, work: &mut Work) -> Result<()> {
     let _span = crew.timeline.span(0, "distribute");
+    if crew.comm.rank() == 0 && work.image.integrator == Integrator::Path {
+        work.scene.find_emitters();
+    }
     let split = crate::cluster::share::computed(crew.comm, || Ok(work.run.split))?;
     if split.is_partitioned() { partition::scatter(crew, work) } else { work.share(Share::new(crew.comm)) }
 }

@@ -17,9 +17,9 @@ use crate::render::cost;
 use crate::render::film::Film;
 use crate::render::relay::{Exit, Holding, Relay, Traveller};
 use crate::render::tile::{Tile, Tiling};
-use crate::scene::Scene;
 use crate::scene::load::Budget;
-use crate::settings::{Deal, Split};
+use crate::scene::{Scene, SceneHeader};
+use crate::settings::{Deal, Integrator, Split};
 use crate::wire;
 
 /// Edge of the tiles, in pixels, whose camera rays are made at once.
@@ -81,10 +81,14 @@ pub(super) fn scatter(crew: &Crew, work: &mut Work) -> Result<()> {
     } else {
         super::pack::unpack(&parcel::receive(comm, 0))?
     };
-    // Rank 0 may have fitted the camera to the image.
+    // Rank 0 may have fitted the camera to the image, and has looked for emitters.
     share.value(&mut whole.header)?;
-    scene.header.camera = whole.header.camera.clone();
+    let parts = std::mem::take(&mut scene.header.parts);
+    scene.header = SceneHeader { parts, ..std::mem::take(&mut whole.header) };
     drop(whole);
+    if work.image.integrator == Integrator::Path {
+        scene.prepare_lighting(Some(&ids));
+    }
     share::agreed(comm, afford(&scene, work))?;
     work.accel = crew.pool.install(|| Accel::build(work.run.accel, work.run.build, &scene.surfaces));
     // Rays must not come to a rank that still waits for its part, and are traced once all can be.

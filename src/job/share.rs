@@ -6,7 +6,7 @@ use crate::cluster::share::Share;
 use crate::error::Result;
 use crate::scene::load::helio;
 use crate::scene::{Scene, Texture};
-use crate::settings::{ImageSettings, RunSettings};
+use crate::settings::{ImageSettings, Integrator, RunSettings};
 
 /// The whole work of a render: scene, accelerator and settings.
 #[derive(Clone, Debug)]
@@ -38,6 +38,9 @@ impl Work {
         share.value(&mut self.image)?;
         share.value(&mut self.run)?;
         share_scene(&mut self.scene, share)?;
+        if self.image.integrator == Integrator::Path {
+            self.scene.prepare_lighting(None);
+        }
         if self.accel.kind() != self.run.accel {
             self.accel = Accel::empty(self.run.accel);
         }
@@ -71,7 +74,7 @@ fn share_scene(scene: &mut Scene, share: Share) -> Result<()> {
     if !share_file(scene, share)? {
         share_arrays(scene, share)?;
     }
-    // Rank 0 may have fitted the camera to the image.
+    // Rank 0 may have fitted the camera to the image, and has looked for emitters.
     share.value(&mut scene.header)
 }
 

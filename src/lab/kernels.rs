@@ -163,7 +163,8 @@ impl Subject {
             .map(|index| {
                 let (x, y) = (even_bits(index), even_bits(index >> 1));
                 let side = f64::from(SIDE);
-                let (origin, direction) = self.camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5, side, side);
+                let (origin, direction) =
+                    self.camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5, side, side, [0.5; 2]);
                 ray(origin, direction, f64::INFINITY)
             })
             .collect();

@@ -84,7 +84,7 @@ impl Field {
             .map(|(x, y)| {
                 let size = f64::from(side);
                 let (origin, direction) =
-                    scene.header.camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5, size, size);
+                    scene.header.camera.ray(f64::from(x) + 0.5, f64::from(y) + 0.5, size, size, [0.5; 2]);
                 RayRecord::camera(origin, direction, y * side + x, 0, 0)
             })
             .collect();

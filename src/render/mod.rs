@@ -13,7 +13,6 @@ use crate::accel::Accel;
 use crate::geometry::record::{Answer, RayRecord};
 use crate::scene::{Color, Scene};
 use crate::settings::ImageSettings;
-use crate::transport::sampler::film_position;
 use crate::transport::{Sink, Transport};
 use film::TileFilm;
 use filter::FilterTable;
@@ -114,14 +113,16 @@ impl<'a> Renderer<'a> {
     /// The ray of one sample of a pixel (y * width + x). A single sample goes through the pixel's centre.
     fn camera_ray(&self, pixel: u32, sample: u32) -> RayRecord {
         let settings = self.settings;
-        let (mut offset, mut plane) = ([0.0; 2], 0);
+        let (mut offset, mut plane, mut lens) = ([0.0; 2], 0, [0.5; 2]);
         if settings.spp > 1 {
-            (offset, plane) = self.filter.sample(film_position(settings.seed, pixel, sample));
+            let [x, y, u, v] = self.transport.sampler.camera(pixel, sample);
+            (offset, plane) = self.filter.sample([x, y]);
+            lens = [u, v];
         }
         let x = f64::from(pixel % settings.width) + 0.5 + offset[0];
         let y = f64::from(pixel / settings.width) + 0.5 + offset[1];
         let (width, height) = (f64::from(settings.width), f64::from(settings.height));
-        let (origin, direction) = self.scene.header.camera.ray(x, y, width, height);
+        let (origin, direction) = self.scene.header.camera.ray(x, y, width, height, lens);
         RayRecord::camera(origin, direction, pixel, sample, plane)
     }
 }

@@ -281,7 +281,7 @@ impl SceneBuilder {
                 LightShape::Directional { .. } => {}
             }
         }
-        Scene { surfaces: self.surfaces, textures: self.textures, header, file: None }
+        Scene { surfaces: self.surfaces, textures: self.textures, header, ..Scene::default() }
     }
 
     fn check_mesh(&self, mesh: &Mesh) -> Result<()> {
@@ -372,6 +372,10 @@ fn normal_transform(matrix: &DMat3) -> DMat3 {
 
 fn store_camera(camera: &mut Camera, frame: &Frame) {
     camera.position = frame.to_stored(camera.position);
+    if let Some(lens) = &mut camera.lens {
+        lens.radius *= frame.scale;
+        lens.focus *= frame.scale;
+    }
     if camera.projection == super::camera::Projection::Orthographic {
         camera.right *= frame.scale;
         camera.up *= frame.scale;

@@ -1,4 +1,6 @@
-//! Cameras: perspective and orthographic.
+//! Cameras: perspective, with or without a lens, and orthographic.
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -15,6 +17,17 @@ pub struct Camera {
     /// From the film's centre to the middle of its upper edge.
     pub up: DVec3,
     pub projection: Projection,
+    /// Of a perspective camera with a thin lens; `None` is a pinhole.
+    pub lens: Option<Lens>,
+}
+
+/// A thin lens: what lies in one plane is sharp (Cook, Porter and Carpenter 1984, "Distributed Ray Tracing").
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lens {
+    /// > 0.
+    pub radius: f64,
+    /// Of the sharp plane from the camera along `forward`, > 0.
+    pub focus: f64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,18 +73,48 @@ impl Camera {
         }
         let right = right.normalize();
         let up = right.cross(forward);
-        Some(Camera { position, forward, right: right * half_height, up: up * half_height, projection })
+        Some(Camera {
+            position,
+            forward,
+            right: right * half_height,
+            up: up * half_height,
+            projection,
+            lens: None,
+        })
     }
 
     /// Origin and unit direction of the ray through film point (x, y) in pixels from the upper left corner of an image of
-    /// width * height pixels.
+    /// width * height pixels, and through the point of the lens, if there is one, that two numbers in [0, 1) choose: (1/2, 1/2) is its centre.
     #[inline]
-    pub fn ray(&self, x: f64, y: f64, width: f64, height: f64) -> (DVec3, DVec3) {
+    pub fn ray(&self, x: f64, y: f64, width: f64, height: f64, lens: [f64; 2]) -> (DVec3, DVec3) {
         let right = self.right * ((2.0 * x - width) / height);
         let up = self.up * ((height - 2.0 * y) / height);
         match self.projection {
-            Projection::Perspective => (self.position, (self.forward + (right + up)).normalize()),
+            Projection::Perspective => {
+                let through = self.forward + (right + up);
+                match self.lens {
+                    None => (self.position, through.normalize()),
+                    Some(Lens { radius, focus }) => {
+                        let [x, y] = concentric(lens).map(|c| c * radius);
+                        let aside = self.right.normalize() * x + self.up.normalize() * y;
+                        (self.position + aside, (through * focus - aside).normalize())
+                    }
+                }
+            }
             Projection::Orthographic => (self.position + (right + up), self.forward),
         }
     }
+}
+
+/// The unit square onto the unit disc, areas kept in proportion (Shirley and Chiu 1997, "A Low Distortion Map Between Disk and
+/// Square").
+pub fn concentric(square: [f64; 2]) -> [f64; 2] {
+    let [x, y] = square.map(|u| 2.0 * u - 1.0);
+    if x == 0.0 && y == 0.0 {
+        return [0.0; 2];
+    }
+    let (radius, angle) =
+        if x.abs() > y.abs() { (x, FRAC_PI_4 * (y / x)) } else { (y, FRAC_PI_2 - FRAC_PI_4 * (x / y)) };
+    let (sin, cos) = libm::sincos(angle);
+    [radius * cos, radius * sin]
 }

@@ -25,6 +25,8 @@ pub struct Material {
     pub reflectivity: f64,
     /// Radiance added to what is reflected.
     pub emission: Color,
+    /// Emission only on the side that the geometric normal points to.
+    pub one_sided: bool,
     /// Split kt between reflection and refraction by Fresnel's equations.
     pub fresnel: bool,
     /// Index of the texture that multiplies kd and ka.
@@ -44,6 +46,7 @@ impl Default for Material {
             ior: 1.5,
             reflectivity: 0.0,
             emission: [0.0; 3],
+            one_sided: false,
             fresnel: false,
             texture: None,
         }

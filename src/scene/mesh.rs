@@ -43,14 +43,16 @@ pub struct Part {
 
 /// A sphere. Its f32 numbers are the truth, like a triangle's vertices.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, bytemuck::Pod, bytemuck::Zeroable,
+)]
 pub struct Sphere {
     pub center: [f32; 3],
     pub radius: f32,
 }
 
 /// A primitive by its numbers alone.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Shape {
     Triangle([[f32; 3]; 3]),
     Sphere(Sphere),
@@ -132,7 +134,8 @@ impl Surfaces {
     /// The three vertices of a triangle id.
     #[inline]
     pub fn triangle(&self, primitive: u32) -> [[f32; 3]; 3] {
-        self.triangles[primitive as usize].map(|index| self.positions[index as usize])
+        let [a, b, c] = self.triangles[primitive as usize];
+        [self.positions[a as usize], self.positions[b as usize], self.positions[c as usize]]
     }
 
     /// What a ray starts on, if it starts on anything.

@@ -6,11 +6,14 @@
 pub mod bounds;
 pub mod build;
 pub mod camera;
+pub mod emitter;
+pub mod environment;
 mod files;
 pub mod frame;
 pub mod generate;
 pub mod helio;
 pub mod light;
+pub mod lighting;
 pub mod load;
 pub mod material;
 pub mod mesh;
@@ -23,9 +26,12 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 pub use camera::Camera;
+pub use emitter::Emitter;
+pub use environment::Environment;
 pub use frame::Frame;
 pub use helio::HelioFile;
 pub use light::Light;
+pub use lighting::Lighting;
 pub use material::Material;
 pub use mesh::{Part, Shading, Surfaces};
 pub use texture::Texture;
@@ -39,6 +45,8 @@ pub struct Scene {
     pub surfaces: Surfaces,
     pub textures: Vec<Texture>,
     pub header: SceneHeader,
+    /// For paths only; see [`Scene::prepare_lighting`].
+    pub lighting: Lighting,
     /// The file whose parts the arrays are, if they weren't read but mapped.
     pub file: Option<Arc<HelioFile>>,
 }
@@ -52,8 +60,13 @@ pub struct SceneHeader {
     /// Runs of primitives that share material and shading, ascending by `first`.
     pub parts: Vec<Part>,
     pub frame: Frame,
-    /// Radiance of a ray that hits nothing.
+    /// Radiance of a ray that hits nothing, where there is no environment.
     pub background: Color,
+    pub environment: Option<Environment>,
+    /// For paths only; see [`Scene::find_emitters`].
+    pub emitters: Vec<Emitter>,
+    /// Of a sphere around the whole scene, in stored units; known where `emitters` are.
+    pub radius: f64,
     /// Ambient light of the scene, to which each light's own ambient colour is added.
     pub ambient: Color,
     /// `a` of the Sh tracer's closing blend, (1 - a) * colour + a, in [0, 1].

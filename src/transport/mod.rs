@@ -4,6 +4,7 @@
 //! Shading is done in f64.
 
 pub mod bsdf;
+mod path;
 mod phong;
 pub mod sampler;
 pub mod surface;
@@ -11,7 +12,8 @@ mod whitted;
 
 use crate::geometry::record::{Answer, RayRecord};
 use crate::scene::{Color, Scene};
-use crate::settings::{ImageSettings, Integrator};
+use crate::settings::{Direct, ImageSettings, Integrator};
+use sampler::Sampler;
 
 /// Where [`Transport::advance`] sends what it makes.
 pub trait Sink {
@@ -28,6 +30,9 @@ pub struct Transport<'a> {
     integrator: Integrator,
     max_depth: u32,
     min_weight: f64,
+    roulette: u32,
+    direct: Direct,
+    pub sampler: Sampler,
     /// The scene's ambient light and that of all lights.
     ambient: Color,
     /// Whether a shadow ray may pass through something.
@@ -43,6 +48,9 @@ impl<'a> Transport<'a> {
             integrator: settings.integrator,
             max_depth: settings.max_depth,
             min_weight: settings.min_weight,
+            roulette: settings.roulette,
+            direct: settings.direct,
+            sampler: Sampler::new(settings),
             ambient: lights.fold(header.ambient, |sum, light| add(sum, light.ambient)),
             transparent: header.materials.iter().any(|material| material.is_transparent()),
         }
@@ -52,20 +60,26 @@ impl<'a> Transport<'a> {
     pub fn advance(&self, record: &RayRecord, answer: &Answer, out: &mut impl Sink) {
         match self.integrator {
             Integrator::Whitted => whitted::advance(self, record, answer, out),
+            Integrator::Path => path::advance(self, record, answer, out),
         }
     }
 }
 
+// Written out, as closures over arrays aren't always inlined.
+
+#[inline]
 fn add(a: Color, b: Color) -> Color {
-    std::array::from_fn(|k| a[k] + b[k])
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
+#[inline]
 fn times(a: Color, b: Color) -> Color {
-    std::array::from_fn(|k| a[k] * b[k])
+    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
 }
 
+#[inline]
 fn scaled(a: Color, factor: f64) -> Color {
-    a.map(|c| c * factor)
+    [a[0] * factor, a[1] * factor, a[2] * factor]
 }
 
 const BLACK: Color = [0.0; 3];

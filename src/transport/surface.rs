@@ -73,20 +73,21 @@ impl<'a> Interaction<'a> {
         direction: DVec3,
     ) -> Self {
         let surfaces = &scene.surfaces;
-        let corners = surfaces.triangle(answer.primitive).map(|v| DVec3::from(v.map(f64::from)));
+        let [a, b, c] = surfaces.triangle(answer.primitive);
+        let corners @ [a, b, c] = [widened(a), widened(b), widened(c)];
         let weights = position::weights(answer.u, answer.v);
-        let outward = unit((corners[1] - corners[0]).cross(corners[2] - corners[0]));
+        let outward = unit((b - a).cross(c - a));
         let entering = outward.dot(direction) < 0.0;
         let geometric = if entering { outward } else { -outward };
-        let indices = surfaces.triangles[answer.primitive as usize].map(|index| index - part.vertices);
+        let [i, j, k] = surfaces.triangles[answer.primitive as usize];
+        let indices = [i - part.vertices, j - part.vertices, k - part.vertices];
         let at = |base: u32, corner: usize| (base + indices[corner]) as usize;
 
-        let mut vertices = corners.map(|position| Vertex { position, normal: geometric });
+        let vertex = |position| Vertex { position, normal: geometric };
+        let mut vertices = [vertex(a), vertex(b), vertex(c)];
         let mut normal = geometric;
         if part.normals != NONE {
-            let stored: [DVec3; 3] = std::array::from_fn(|corner| {
-                DVec3::from(surfaces.normals[at(part.normals, corner)].map(f64::from))
-            });
+            let stored = [0, 1, 2].map(|corner| widened(surfaces.normals[at(part.normals, corner)]));
             // All three turn together: at a sharp edge one may point behind this triangle, and turning it here but not next
             // door would tear the shading apart.
             let side = if (stored[0] + stored[1] + stored[2]).dot(geometric) < 0.0 { -1.0 } else { 1.0 };
@@ -131,6 +132,12 @@ impl<'a> Interaction<'a> {
     }
 }
 
+#[inline]
+fn widened(v: [f32; 3]) -> DVec3 {
+    DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))
+}
+
+#[inline]
 fn weighted(values: [DVec3; 3], weights: [f64; 3]) -> DVec3 {
     (values[0] * weights[0] + values[1] * weights[1]) + values[2] * weights[2]
 }

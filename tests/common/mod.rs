@@ -14,7 +14,7 @@ use heliostat::output::timeline::Timeline;
 use heliostat::scene::build::Space;
 use heliostat::scene::helio::HelioWriter;
 use heliostat::scene::load;
-use heliostat::settings::{AccelKind, BuildPreset, Crop, ImageSettings, RunSettings};
+use heliostat::settings::{AccelKind, BuildPreset, Crop, ImageSettings, Integrator, RunSettings};
 
 pub fn repository() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -67,13 +67,16 @@ pub fn small_work(scene: &Path, accel: AccelKind) -> Work {
     let (width, height) = (54, 41);
     loaded.fit(width, height);
     let defaults = &loaded.image;
+    let integrator = defaults.integrator.unwrap_or(Integrator::Whitted);
     let image = ImageSettings {
         width,
         height,
         crop: Crop { x0: 0, y0: 0, x1: width, y1: height },
         spp: 2,
         seed: 7,
-        max_depth: defaults.max_depth.unwrap_or(8),
+        integrator,
+        max_depth: defaults.max_depth.unwrap_or(integrator.max_depth()),
+        sampler: defaults.sampler.unwrap_or_default(),
         filter: defaults.filter.unwrap_or(heliostat::settings::Filter::Mitchell),
         ..ImageSettings::default()
     };

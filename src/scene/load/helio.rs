@@ -35,7 +35,7 @@ struct Contents<'a> {
 /// # Errors
 /// A failed write.
 pub fn write<W: Write + Seek>(writer: &mut HelioWriter<W>, loaded: &Loaded) -> io::Result<()> {
-    let Scene { surfaces, textures, header, file: _ } = &loaded.scene;
+    let Scene { surfaces, textures, header, file: _, lighting: _ } = &loaded.scene;
     let contents = Contents {
         scene: Cow::Borrowed(header),
         image: Cow::Borrowed(&loaded.image),
@@ -93,7 +93,7 @@ pub fn open(path: &Path) -> Result<Loaded> {
         .map(|(index, &(width, height))| Ok(Texture { width, height, texels: file.section(&texels(index))? }))
         .collect::<Result<_>>()?;
     let (header, image) = (contents.scene.into_owned(), contents.image.into_owned());
-    let scene = Scene { surfaces, textures, header, file: None };
+    let scene = Scene { surfaces, textures, header, ..Scene::default() };
     check::sizes(&scene)
         .and_then(|()| check::header(&scene.header))
         .and_then(|()| check::image(&image))

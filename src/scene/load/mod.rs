@@ -1,6 +1,7 @@
 //! Scene files in, [`Scene`] out: one file per format.
 
 mod budget;
+pub mod environment;
 mod framing;
 pub mod helio;
 #[cfg(test)]
@@ -26,7 +27,7 @@ use super::build::{SceneBuilder, Space};
 use super::files;
 use super::{Material, Scene, SceneHeader, Shading};
 use crate::error::{Error, Result};
-use crate::settings::{Encoding, Filter, Integrator};
+use crate::settings::{Encoding, Filter, Integrator, SamplerKind};
 
 /// A scene file that was read.
 #[derive(Debug)]
@@ -68,6 +69,7 @@ pub struct ImageDefaults {
     pub min_weight: Option<f64>,
     pub integrator: Option<Integrator>,
     pub filter: Option<Filter>,
+    pub sampler: Option<SamplerKind>,
     pub encoding: Option<Encoding>,
 }
 

@@ -24,6 +24,7 @@ const DARK: Material = Material {
     ior: 1.5,
     reflectivity: 0.0,
     emission: BLACK,
+    one_sided: false,
     fresnel: false,
     texture: None,
 };

@@ -7,7 +7,7 @@ use crate::scene::frame::power_of_two;
 use crate::scene::light::LightShape;
 use crate::scene::load::ImageDefaults;
 use crate::scene::mesh::{NONE, Part, Sphere};
-use crate::scene::{Frame, Light, Material, Scene, SceneHeader};
+use crate::scene::{Environment, Frame, Light, Material, Scene, SceneHeader};
 
 type Checked = std::result::Result<(), String>;
 
@@ -74,6 +74,13 @@ pub fn header(header: &SceneHeader) -> Checked {
         amounts(&header.background) && amounts(&header.ambient) && amounts(&[header.ambient_floor]),
         || "its background or ambient light is no colour".into(),
     )?;
+    require(camera.lens.is_none_or(|lens| amounts(&[lens.radius, lens.focus]) && lens.focus > 0.0), || {
+        "its camera's lens has impossible numbers".into()
+    })?;
+    require(header.environment.as_ref().is_none_or(sound_environment), || {
+        "its environment is no image".into()
+    })?;
+    require(header.emitters.is_empty(), || "it lists emitters, which are found anew".into())?;
     require(header.lights.iter().all(sound_light), || "a light has impossible numbers".into())?;
     require(header.materials.iter().all(sound_material), || "a material has impossible numbers".into())
 }
@@ -105,6 +112,16 @@ fn sound_light(light: &Light) -> bool {
         && amounts(&light.specular)
         && amounts(&light.ambient)
         && light.falloff.is_none_or(|falloff| amounts(&falloff))
+}
+
+fn sound_environment(environment: &Environment) -> bool {
+    let Environment { width, height, ref texels, scale, rotation } = *environment;
+    let count = u64::from(width) * u64::from(height);
+    count > 0
+        && count == texels.len() as u64
+        && texels.as_flattened().iter().all(|&c| c.is_finite() && c >= 0.0)
+        && amounts(&[scale])
+        && rotation.is_finite()
 }
 
 fn sound_material(material: &Material) -> bool {

@@ -7,13 +7,14 @@ use ::toml::Spanned;
 use glam::DVec3;
 
 use super::source::{Source, Span};
-use super::tables::{self, CameraType, LightType};
+use super::tables::{self, CameraType, EmissionSide, LightType};
 use super::transform::{sin_cos, unit};
 use super::value::{Amount, Finite, Rgb};
 use crate::error::Result;
+use crate::scene::camera::Lens;
 use crate::scene::light::LightShape;
-use crate::scene::load::{ImageDefaults, warn};
-use crate::scene::{Camera, Color, Light, Material, SceneHeader};
+use crate::scene::load::{ImageDefaults, environment, warn};
+use crate::scene::{Camera, Color, Environment, Light, Material, SceneHeader};
 
 /// The largest width, height and number of samples.
 const LIMIT: u32 = 65536;
@@ -24,11 +25,11 @@ pub fn camera(source: &Source, table: Spanned<tables::Camera>) -> Result<Camera>
     let table = table.into_inner();
     let kind = table.r#type.as_ref().map_or(CameraType::Perspective, |kind| *kind.get_ref());
     let common = ["type", "position", "look_at", "up"];
-    let (what, own) = match kind {
-        CameraType::Perspective => ("a perspective camera", "fov"),
-        CameraType::Orthographic => ("an orthographic camera", "height"),
+    let (what, own): (_, &[&str]) = match kind {
+        CameraType::Perspective => ("a perspective camera", &["fov", "lens_radius", "focus"]),
+        CameraType::Orthographic => ("an orthographic camera", &["height"]),
     };
-    source.only(what, &table.keys(), &[&common, &[own]])?;
+    source.only(what, &table.keys(), &[&common, own])?;
     let position = source.required(table.position, &at, what, "position")?.into_inner().0;
     let look_at = source.required(table.look_at, &at, what, "look_at")?;
     let (target, target_at) = (look_at.get_ref().0, look_at.span());
@@ -43,7 +44,20 @@ pub fn camera(source: &Source, table: Spanned<tables::Camera>) -> Result<Camera>
                 |degrees| degrees > 0.0 && degrees < 180.0,
                 "of degrees between 0 and 180",
             )?;
-            Camera::perspective(position, target, up, fov)
+            let distance = (target - position).length();
+            let focus_at = table.focus.as_ref().map(|focus| focus.span());
+            let focus = source.positive(table.focus, distance, "focus")?;
+            let lens = match table.lens_radius {
+                None if focus_at.is_some() => {
+                    let what = "`focus` of a camera without a lens, to which all is sharp";
+                    return Err(source.error(&focus_at.unwrap_or_default(), what, "give `lens_radius` too"));
+                }
+                None => None,
+                Some(radius) => {
+                    Some(Lens { radius: source.positive(Some(radius), 0.0, "lens_radius")?, focus })
+                }
+            };
+            Camera::perspective(position, target, up, fov).map(|camera| Camera { lens, ..camera })
         }
         CameraType::Orthographic => {
             let height = source.required(table.height, &at, what, "height")?;
@@ -70,6 +84,8 @@ pub fn render(source: &Source, table: tables::Render, header: &mut SceneHeader) 
     header.background = color(table.background);
     header.ambient = color(table.ambient);
     header.ambient_floor = share(source, table.ambient_floor, "ambient_floor")?;
+    header.environment =
+        environment(source, table.environment, table.environment_scale, table.environment_rotation)?;
     Ok(ImageDefaults {
         width: source.whole(table.width, "width", 1..=LIMIT)?,
         height: source.whole(table.height, "height", 1..=LIMIT)?,
@@ -79,8 +95,38 @@ pub fn render(source: &Source, table: tables::Render, header: &mut SceneHeader) 
         min_weight: table.min_weight.map(|value| value.into_inner().0),
         integrator: table.integrator.map(Spanned::into_inner),
         filter: table.filter.map(Spanned::into_inner),
+        sampler: table.sampler.map(Spanned::into_inner),
         encoding: table.encoding.map(Spanned::into_inner),
     })
+}
+
+/// The image of what is infinitely far, read.
+fn environment(
+    source: &Source,
+    file: Option<Spanned<String>>,
+    scale: Option<Spanned<Amount>>,
+    rotation: Option<Spanned<Finite>>,
+) -> Result<Option<Environment>> {
+    let Some(file) = file else {
+        let alone = [
+            scale.map(|value| ("environment_scale", value.span())),
+            rotation.map(|value| ("environment_rotation", value.span())),
+        ];
+        return match alone.into_iter().flatten().next() {
+            None => Ok(None),
+            Some((key, at)) => {
+                let what = format!("`{key}` without an environment");
+                Err(source.error(&at, what, "name its image: environment = \"FILE.exr\""))
+            }
+        };
+    };
+    let path = source.beside(file.get_ref());
+    let scale = scale.map_or(1.0, |value| value.get_ref().0);
+    let rotation = rotation.map_or(0.0, |value| value.get_ref().0.to_radians());
+    match environment::read(&path, scale, rotation) {
+        Ok(environment) => Ok(Some(environment)),
+        Err(error) => Err(source.blame(&file.span(), error)),
+    }
 }
 
 /// A number in [0, 1], or 0.
@@ -150,6 +196,7 @@ fn material(
         ior: source.positive(table.ior, defaults.ior, "ior")?,
         reflectivity: share(source, table.reflectivity, "reflectivity")?,
         emission: color(table.emission, defaults.emission),
+        one_sided: table.emission_side.is_some_and(|side| *side.get_ref() == EmissionSide::Front),
         fresnel: table.fresnel.is_some_and(Spanned::into_inner),
         texture: None,
     };

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::source::Span;
 use super::value::{Amount, Finite, OneOrList, Rgb, Rotation, Vector};
 use crate::scene::Shading;
-use crate::settings::{Encoding, Filter, Integrator};
+use crate::settings::{Encoding, Filter, Integrator, SamplerKind};
 
 /// A whole file.
 #[derive(Debug, Deserialize)]
@@ -56,6 +56,8 @@ table! {
         up: Vector,
         fov: Finite,
         height: Finite,
+        lens_radius: Finite,
+        focus: Finite,
     }
 }
 
@@ -71,8 +73,12 @@ pub struct Render {
     pub min_weight: Option<Spanned<Amount>>,
     pub integrator: Option<Spanned<Integrator>>,
     pub filter: Option<Spanned<Filter>>,
+    pub sampler: Option<Spanned<SamplerKind>>,
     pub encoding: Option<Spanned<Encoding>>,
     pub background: Option<Spanned<Rgb>>,
+    pub environment: Option<Spanned<String>>,
+    pub environment_scale: Option<Spanned<Amount>>,
+    pub environment_rotation: Option<Spanned<Finite>>,
     pub ambient: Option<Spanned<Rgb>>,
     pub ambient_floor: Option<Spanned<Amount>>,
 }
@@ -91,6 +97,7 @@ pub struct Material {
     pub ior: Option<Spanned<Finite>>,
     pub reflectivity: Option<Spanned<Amount>>,
     pub emission: Option<Spanned<Rgb>>,
+    pub emission_side: Option<Spanned<EmissionSide>>,
     pub fresnel: Option<Spanned<bool>>,
     pub texture: Option<Spanned<String>>,
 }
@@ -145,6 +152,13 @@ table! {
 pub enum CameraType {
     Perspective,
     Orthographic,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EmissionSide {
+    Both,
+    Front,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]

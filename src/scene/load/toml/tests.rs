@@ -35,9 +35,10 @@ fn every_scene_is_read_without_warning_and_says_what_it_shows() {
         assert!(text.starts_with("# ") && text.lines().next().unwrap().len() > 40, "{path:?}");
         let loaded = load(&path).unwrap();
         assert_eq!(loaded.warnings, [""; 0], "{path:?}");
-        assert!(
-            !loaded.framed && !loaded.scene.surfaces.is_empty() && !loaded.scene.header.lights.is_empty()
-        );
+        let header = &loaded.scene.header;
+        let shines = header.materials.iter().any(|material| material.emission != [0.0; 3]);
+        let lit = !header.lights.is_empty() || header.environment.is_some() || header.background != [0.0; 3];
+        assert!(!loaded.framed && !loaded.scene.surfaces.is_empty() && (lit || shines), "{path:?}");
     }
 }
 
