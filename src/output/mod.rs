@@ -5,6 +5,7 @@
 
 pub mod compare;
 pub mod exr;
+mod exr_layers;
 pub mod file;
 mod format;
 pub mod metadata;
