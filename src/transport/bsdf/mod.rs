@@ -7,16 +7,24 @@
 //! for the caller to check.
 
 mod classic;
+mod compensation;
+mod conductor;
+mod dielectric;
 mod diffuse;
 mod fresnel;
+mod microfacet;
 mod phong;
 mod specular;
 
 use glam::DVec3;
 
 use self::classic::Classic;
+use self::conductor::{Metal, RoughConductor};
+use self::dielectric::RoughDielectric;
+use self::microfacet::Ggx;
 use super::{BLACK, scaled, times};
-use crate::scene::{Color, Material};
+use crate::scene::Color;
+use crate::scene::material::{Material, Physical};
 
 /// The lobes of one hit.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +35,11 @@ enum Lobes {
     /// The albedo. Most of what is hit is of this kind, so it has a way of its own.
     Diffuse(Color),
     Classic(Classic),
+    Mirror(Metal),
+    RoughConductor(RoughConductor),
+    /// The index on the viewer's side over the one behind.
+    Boundary(f64),
+    RoughDielectric(RoughDielectric),
 }
 
 /// A sampled direction.
@@ -45,6 +58,9 @@ impl Bsdf {
     /// The lobes of a material. `diffuse_tint` multiplies kd; `entering` tells that the viewer is outside.
     #[inline]
     pub fn new(material: &Material, diffuse_tint: Color, entering: bool) -> Self {
+        if let Some(physical) = &material.physical {
+            return Bsdf(Lobes::physical(physical, material.ior, entering));
+        }
         let Material { ks, kr, kt, reflectivity, .. } = material;
         if *ks == BLACK && *kr == BLACK && *kt == BLACK && *reflectivity == 0.0 {
             return Bsdf(Lobes::Diffuse(times(material.kd, diffuse_tint)));
@@ -58,6 +74,8 @@ impl Bsdf {
         match &self.0 {
             Lobes::Diffuse(albedo) => *albedo != BLACK,
             Lobes::Classic(lobes) => lobes.is_smooth(),
+            Lobes::Mirror(_) | Lobes::Boundary(_) => false,
+            Lobes::RoughConductor(_) | Lobes::RoughDielectric(_) => true,
         }
     }
 
@@ -74,6 +92,9 @@ impl Bsdf {
                 (scaled(*albedo, pdf), pdf)
             }
             Lobes::Classic(lobes) => lobes.evaluate(wo, wi),
+            Lobes::Mirror(_) | Lobes::Boundary(_) => (BLACK, 0.0),
+            Lobes::RoughConductor(lobes) => lobes.evaluate(wo, wi),
+            Lobes::RoughDielectric(lobes) => lobes.evaluate(wo, wi),
         }
     }
 
@@ -91,6 +112,31 @@ impl Bsdf {
                 (pdf > 0.0).then_some(Scattered { wi, weight: *albedo, pdf, transmitted: false })
             }
             Lobes::Classic(lobes) => lobes.sample(wo, u),
+            Lobes::Mirror(metal) => metal.mirror(wo),
+            Lobes::RoughConductor(lobes) => lobes.sample(wo, u),
+            Lobes::Boundary(eta) => dielectric::smooth(wo, *eta, u[0]),
+            Lobes::RoughDielectric(lobes) => lobes.sample(wo, u),
+        }
+    }
+}
+
+impl Lobes {
+    fn physical(physical: &Physical, ior: f64, entering: bool) -> Self {
+        match *physical {
+            Physical::Conductor { eta, k, roughness } => {
+                let metal = Metal { eta, k };
+                match Ggx::new(roughness) {
+                    Some(ggx) => Lobes::RoughConductor(RoughConductor::new(metal, ggx, roughness)),
+                    None => Lobes::Mirror(metal),
+                }
+            }
+            Physical::Dielectric { roughness } => {
+                let eta = if entering { 1.0 / ior } else { ior };
+                match Ggx::new(roughness) {
+                    Some(ggx) if eta != 1.0 => Lobes::RoughDielectric(RoughDielectric { ggx, eta }),
+                    _ => Lobes::Boundary(eta),
+                }
+            }
         }
     }
 }
