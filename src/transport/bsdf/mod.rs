@@ -32,6 +32,7 @@ pub struct Bsdf(Lobes);
 
 #[derive(Clone, Copy, Debug)]
 enum Lobes {
+    Black,
     /// The albedo. Most of what is hit is of this kind, so it has a way of its own.
     Diffuse(Color),
     Classic(Classic),
@@ -63,7 +64,8 @@ impl Bsdf {
         }
         let Material { ks, kr, kt, reflectivity, .. } = material;
         if *ks == BLACK && *kr == BLACK && *kt == BLACK && *reflectivity == 0.0 {
-            return Bsdf(Lobes::Diffuse(times(material.kd, diffuse_tint)));
+            let albedo = times(material.kd, diffuse_tint);
+            return Bsdf(if albedo == BLACK { Lobes::Black } else { Lobes::Diffuse(albedo) });
         }
         Bsdf(Lobes::Classic(Classic::new(material, diffuse_tint, entering)))
     }
@@ -72,10 +74,9 @@ impl Bsdf {
     #[inline]
     pub fn is_smooth(&self) -> bool {
         match &self.0 {
-            Lobes::Diffuse(albedo) => *albedo != BLACK,
+            Lobes::Diffuse(_) | Lobes::RoughConductor(_) | Lobes::RoughDielectric(_) => true,
+            Lobes::Black | Lobes::Mirror(_) | Lobes::Boundary(_) => false,
             Lobes::Classic(lobes) => lobes.is_smooth(),
-            Lobes::Mirror(_) | Lobes::Boundary(_) => false,
-            Lobes::RoughConductor(_) | Lobes::RoughDielectric(_) => true,
         }
     }
 
@@ -85,14 +86,14 @@ impl Bsdf {
     pub fn evaluate(&self, wo: DVec3, wi: DVec3) -> (Color, f64) {
         match &self.0 {
             Lobes::Diffuse(albedo) => {
-                if wo.z <= 0.0 || wi.z <= 0.0 || *albedo == BLACK {
+                if wo.z <= 0.0 || wi.z <= 0.0 {
                     return (BLACK, 0.0);
                 }
                 let pdf = diffuse::pdf(wi.z);
                 (scaled(*albedo, pdf), pdf)
             }
             Lobes::Classic(lobes) => lobes.evaluate(wo, wi),
-            Lobes::Mirror(_) | Lobes::Boundary(_) => (BLACK, 0.0),
+            Lobes::Black | Lobes::Mirror(_) | Lobes::Boundary(_) => (BLACK, 0.0),
             Lobes::RoughConductor(lobes) => lobes.evaluate(wo, wi),
             Lobes::RoughDielectric(lobes) => lobes.evaluate(wo, wi),
         }
@@ -104,7 +105,7 @@ impl Bsdf {
     pub fn sample(&self, wo: DVec3, u: [f64; 3]) -> Option<Scattered> {
         match &self.0 {
             Lobes::Diffuse(albedo) => {
-                if wo.z <= 0.0 || *albedo == BLACK {
+                if wo.z <= 0.0 {
                     return None;
                 }
                 let wi = diffuse::sample([u[1], u[2]]);
@@ -112,6 +113,7 @@ impl Bsdf {
                 (pdf > 0.0).then_some(Scattered { wi, weight: *albedo, pdf, transmitted: false })
             }
             Lobes::Classic(lobes) => lobes.sample(wo, u),
+            Lobes::Black => None,
             Lobes::Mirror(metal) => metal.mirror(wo),
             Lobes::RoughConductor(lobes) => lobes.sample(wo, u),
             Lobes::Boundary(eta) => dielectric::smooth(wo, *eta, u[0]),
