@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 
 const MAGIC: [u8; 4] = *b"HLIO";
 /// Raised with every change of what is sent.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Magic, version, length of the payload, CRC-32 of the payload.
 const ENVELOPE_BYTES: usize = 4 + 4 + 8 + 4;
 /// Longest payload. What is longer is an array, and should travel as one.

@@ -1,4 +1,4 @@
-//! Materials: the coefficients of local illumination, reflection and refraction.
+//! Materials: the coefficients of local illumination, reflection and refraction, and surfaces known by their physics.
 
 use super::Color;
 use serde::{Deserialize, Serialize};
@@ -31,7 +31,21 @@ pub struct Material {
     pub fresnel: bool,
     /// Index of the texture that multiplies kd and ka.
     pub texture: Option<u32>,
+    /// What the path integrator uses in place of the coefficients above, but for `ior` and `emission`.
+    pub physical: Option<Physical>,
 }
+
+/// A surface by its physics. Roughness is in [0, 1]; its square is the α of microfacets (GGX), and below [`SMOOTH`] it is 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Physical {
+    /// A metal in vacuum; `eta` + i `k` is its complex index of refraction for each channel.
+    Conductor { eta: Color, k: Color, roughness: f64 },
+    /// Glass, water: what isn't reflected is refracted, by [`Material::ior`].
+    Dielectric { roughness: f64 },
+}
+
+/// A surface of less roughness than this is as good as smooth, and narrower than f64 can tell of half vectors.
+pub const SMOOTH: f64 = 1e-3;
 
 impl Default for Material {
     /// Matt light grey.
@@ -49,6 +63,7 @@ impl Default for Material {
             one_sided: false,
             fresnel: false,
             texture: None,
+            physical: None,
         }
     }
 }
@@ -57,5 +72,35 @@ impl Material {
     /// Whether light passes through, so that a shadow ray has to go on.
     pub fn is_transparent(&self) -> bool {
         self.kt != [0.0; 3]
+    }
+}
+
+impl From<Physical> for Material {
+    /// The coefficients that come closest to the surface, for the Whitted integrator: a smooth conductor is a mirror of its
+    /// normal reflectance, a rough one has highlights of that colour whose width is that of its microfacets; a dielectric refracts
+    /// and reflects by Fresnel's equations, whatever its roughness.
+    fn from(physical: Physical) -> Self {
+        let mut material =
+            Material { ka: [0.0; 3], kd: [0.0; 3], physical: Some(physical), ..Material::default() };
+        match physical {
+            Physical::Conductor { eta, k, roughness } => {
+                let reflectance = std::array::from_fn(|c| {
+                    let (less, more, k2) = (eta[c] - 1.0, eta[c] + 1.0, k[c] * k[c]);
+                    (less * less + k2) / (more * more + k2)
+                });
+                if roughness < SMOOTH {
+                    material.kr = reflectance;
+                } else {
+                    let alpha = roughness * roughness;
+                    material.ks = reflectance;
+                    material.shininess = 2.0 / (alpha * alpha) - 2.0;
+                }
+            }
+            Physical::Dielectric { .. } => {
+                material.kt = [1.0; 3];
+                material.fresnel = true;
+            }
+        }
+        material
     }
 }

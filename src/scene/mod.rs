@@ -17,6 +17,7 @@ pub mod lighting;
 pub mod load;
 pub mod material;
 pub mod mesh;
+pub mod metal;
 pub mod normals;
 pub mod subset;
 pub mod texture;

@@ -40,7 +40,7 @@ fn wire() {
 }
 
 /// Tables with the keys that they may have; `N` stands for a number, `V` and `C` for three.
-const TABLES: [(&str, &[&str]); 15] = [
+const TABLES: [(&str, &[&str]); 17] = [
     ("[camera]", &["position = V", "look_at = V", "up = V", "fov = N"]),
     ("[camera]\ntype = 'orthographic'", &["position = V", "look_at = V", "up = V", "height = N"]),
     ("[render]", &["background = C", "ambient = C", "ambient_floor = N", "min_weight = N", "max_depth = N"]),
@@ -58,6 +58,8 @@ const TABLES: [(&str, &[&str]); 15] = [
             "reflectivity = N",
         ],
     ),
+    ("[[material]]\nname = 'm'\ntype = 'conductor'", &["eta = C", "k = C", "roughness = N", "kd = C"]),
+    ("[[material]]\nname = 'm'\ntype = 'dielectric'", &["ior = N", "roughness = N", "kt = C"]),
     ("[[light]]\ntype = 'point'", &["position = V", "color = C", "falloff = V"]),
     ("[[light]]\ntype = 'directional'", &["direction = V", "diffuse = C", "ambient = C"]),
     (

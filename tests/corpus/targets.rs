@@ -11,6 +11,7 @@ use heliostat::scene::light::LightShape;
 use heliostat::scene::load::obj::{self, ObjFile};
 use heliostat::scene::load::texture::Textures;
 use heliostat::scene::load::{self, Budget, Loaded};
+use heliostat::scene::material::Physical;
 use heliostat::scene::{Material, SceneHeader};
 use heliostat::settings::{AccelKind, BuildPreset, ImageSettings, RunSettings};
 use serde::Serialize;
@@ -139,6 +140,15 @@ fn sound_material(material: &Material) {
     assert!(amounts(&[ka, kd, ks, kr, kt, emission].concat()), "{material:?}");
     assert!(amounts(&[material.shininess, material.ior, material.reflectivity]), "{material:?}");
     assert!(material.ior > 0.0 && material.reflectivity <= 1.0, "{material:?}");
+    let roughness = match material.physical {
+        None => 0.0,
+        Some(Physical::Conductor { eta, k, roughness }) => {
+            assert!(amounts(&[eta, k].concat()), "{material:?}");
+            roughness
+        }
+        Some(Physical::Dielectric { roughness }) => roughness,
+    };
+    assert!((0.0..=1.0).contains(&roughness), "{material:?}");
 }
 
 fn sound_warnings(warnings: &[String]) {

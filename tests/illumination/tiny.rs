@@ -22,6 +22,7 @@ pub const BLACK: Material = Material {
     emission: [0.0; 3],
     fresnel: false,
     texture: None,
+    physical: None,
 };
 
 pub fn glowing(emission: Color) -> Material {

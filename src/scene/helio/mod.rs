@@ -14,7 +14,7 @@ pub use write::HelioWriter;
 
 const MAGIC: [u8; 8] = *b"HELIOST\n";
 /// Raised with every change of the layout, or of what the sections of a scene hold.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Its bytes tell the order in which the writer stored them.
 const BYTE_ORDER: u32 = 0x0102_0304;
 /// Every section begins at a multiple of this.

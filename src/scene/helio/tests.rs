@@ -84,7 +84,7 @@ fn what_is_wrong_is_said() {
     assert!(message(&folder, &[]).contains("it is no .helio file; convert the scene anew"));
     assert!(message(&folder, b"[camera]").contains("it is no .helio file"));
     assert!(message(&folder, &with(0, b'h')).contains("it is no .helio file"));
-    assert!(message(&folder, &with(8, 77)).contains("of version 77, and this program reads 2"));
+    assert!(message(&folder, &with(8, 77)).contains("of version 77, and this program reads 3"));
     let mut turned = good.clone();
     turned[8..12].reverse();
     turned[12..16].reverse();

@@ -4,6 +4,7 @@
 mod check;
 mod header;
 mod object;
+mod physical;
 mod source;
 mod tables;
 mod transform;

@@ -7,16 +7,24 @@
 //! for the caller to check.
 
 mod classic;
+mod compensation;
+mod conductor;
+mod dielectric;
 mod diffuse;
 mod fresnel;
+mod microfacet;
 mod phong;
 mod specular;
 
 use glam::DVec3;
 
 use self::classic::Classic;
+use self::conductor::{Metal, RoughConductor};
+use self::dielectric::RoughDielectric;
+use self::microfacet::Ggx;
 use super::{BLACK, scaled, times};
-use crate::scene::{Color, Material};
+use crate::scene::Color;
+use crate::scene::material::{Material, Physical};
 
 /// The lobes of one hit.
 #[derive(Clone, Copy, Debug)]
@@ -24,9 +32,15 @@ pub struct Bsdf(Lobes);
 
 #[derive(Clone, Copy, Debug)]
 enum Lobes {
+    Black,
     /// The albedo. Most of what is hit is of this kind, so it has a way of its own.
     Diffuse(Color),
     Classic(Classic),
+    Mirror(Metal),
+    RoughConductor(RoughConductor),
+    /// The index on the viewer's side over the one behind.
+    Boundary(f64),
+    RoughDielectric(RoughDielectric),
 }
 
 /// A sampled direction.
@@ -45,9 +59,13 @@ impl Bsdf {
     /// The lobes of a material. `diffuse_tint` multiplies kd; `entering` tells that the viewer is outside.
     #[inline]
     pub fn new(material: &Material, diffuse_tint: Color, entering: bool) -> Self {
+        if let Some(physical) = &material.physical {
+            return Bsdf(Lobes::physical(physical, material.ior, entering));
+        }
         let Material { ks, kr, kt, reflectivity, .. } = material;
         if *ks == BLACK && *kr == BLACK && *kt == BLACK && *reflectivity == 0.0 {
-            return Bsdf(Lobes::Diffuse(times(material.kd, diffuse_tint)));
+            let albedo = times(material.kd, diffuse_tint);
+            return Bsdf(if albedo == BLACK { Lobes::Black } else { Lobes::Diffuse(albedo) });
         }
         Bsdf(Lobes::Classic(Classic::new(material, diffuse_tint, entering)))
     }
@@ -56,7 +74,8 @@ impl Bsdf {
     #[inline]
     pub fn is_smooth(&self) -> bool {
         match &self.0 {
-            Lobes::Diffuse(albedo) => *albedo != BLACK,
+            Lobes::Diffuse(_) | Lobes::RoughConductor(_) | Lobes::RoughDielectric(_) => true,
+            Lobes::Black | Lobes::Mirror(_) | Lobes::Boundary(_) => false,
             Lobes::Classic(lobes) => lobes.is_smooth(),
         }
     }
@@ -67,13 +86,16 @@ impl Bsdf {
     pub fn evaluate(&self, wo: DVec3, wi: DVec3) -> (Color, f64) {
         match &self.0 {
             Lobes::Diffuse(albedo) => {
-                if wo.z <= 0.0 || wi.z <= 0.0 || *albedo == BLACK {
+                if wo.z <= 0.0 || wi.z <= 0.0 {
                     return (BLACK, 0.0);
                 }
                 let pdf = diffuse::pdf(wi.z);
                 (scaled(*albedo, pdf), pdf)
             }
             Lobes::Classic(lobes) => lobes.evaluate(wo, wi),
+            Lobes::Black | Lobes::Mirror(_) | Lobes::Boundary(_) => (BLACK, 0.0),
+            Lobes::RoughConductor(lobes) => lobes.evaluate(wo, wi),
+            Lobes::RoughDielectric(lobes) => lobes.evaluate(wo, wi),
         }
     }
 
@@ -83,7 +105,7 @@ impl Bsdf {
     pub fn sample(&self, wo: DVec3, u: [f64; 3]) -> Option<Scattered> {
         match &self.0 {
             Lobes::Diffuse(albedo) => {
-                if wo.z <= 0.0 || *albedo == BLACK {
+                if wo.z <= 0.0 {
                     return None;
                 }
                 let wi = diffuse::sample([u[1], u[2]]);
@@ -91,6 +113,32 @@ impl Bsdf {
                 (pdf > 0.0).then_some(Scattered { wi, weight: *albedo, pdf, transmitted: false })
             }
             Lobes::Classic(lobes) => lobes.sample(wo, u),
+            Lobes::Black => None,
+            Lobes::Mirror(metal) => metal.mirror(wo),
+            Lobes::RoughConductor(lobes) => lobes.sample(wo, u),
+            Lobes::Boundary(eta) => dielectric::smooth(wo, *eta, u[0]),
+            Lobes::RoughDielectric(lobes) => lobes.sample(wo, u),
+        }
+    }
+}
+
+impl Lobes {
+    fn physical(physical: &Physical, ior: f64, entering: bool) -> Self {
+        match *physical {
+            Physical::Conductor { eta, k, roughness } => {
+                let metal = Metal { eta, k };
+                match Ggx::new(roughness) {
+                    Some(ggx) => Lobes::RoughConductor(RoughConductor::new(metal, ggx, roughness)),
+                    None => Lobes::Mirror(metal),
+                }
+            }
+            Physical::Dielectric { roughness } => {
+                let eta = if entering { 1.0 / ior } else { ior };
+                match Ggx::new(roughness) {
+                    Some(ggx) if eta != 1.0 => Lobes::RoughDielectric(RoughDielectric { ggx, eta }),
+                    _ => Lobes::Boundary(eta),
+                }
+            }
         }
     }
 }

@@ -12,3 +12,8 @@ pub fn mirrored(wo: DVec3) -> DVec3 {
 pub fn refracted(wo: DVec3, eta: f64, behind: f64) -> DVec3 {
     DVec3::new(-eta * wo.x, -eta * wo.y, -behind).normalize()
 }
+
+/// Where a mirror with the unit normal `m` sends `wo`.
+pub fn mirrored_by(wo: DVec3, m: DVec3) -> DVec3 {
+    (m * (2.0 * wo.dot(m)) - wo).normalize()
+}

@@ -6,6 +6,7 @@ use glam::DVec3;
 use crate::scene::frame::power_of_two;
 use crate::scene::light::LightShape;
 use crate::scene::load::ImageDefaults;
+use crate::scene::material::Physical;
 use crate::scene::mesh::{NONE, Part, Sphere};
 use crate::scene::{Environment, Frame, Light, Material, Scene, SceneHeader};
 
@@ -125,11 +126,18 @@ fn sound_environment(environment: &Environment) -> bool {
 }
 
 fn sound_material(material: &Material) -> bool {
-    let Material { ka, kd, ks, kr, kt, emission, shininess, ior, reflectivity, .. } = material;
+    let Material { ka, kd, ks, kr, kt, emission, shininess, ior, reflectivity, physical, .. } = material;
     amounts(&[*ka, *kd, *ks, *kr, *kt, *emission].concat())
         && amounts(&[*shininess, *ior])
         && *ior > 0.0
         && (0.0..=1.0).contains(reflectivity)
+        && match physical {
+            None => true,
+            Some(Physical::Conductor { eta, k, roughness }) => {
+                amounts(&[*eta, *k].concat()) && (0.0..=1.0).contains(roughness)
+            }
+            Some(Physical::Dielectric { roughness }) => (0.0..=1.0).contains(roughness),
+        }
 }
 
 fn amounts(numbers: &[f64]) -> bool {

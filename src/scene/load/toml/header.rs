@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use ::toml::Spanned;
 use glam::DVec3;
 
+use super::physical;
 use super::source::{Source, Span};
 use super::tables::{self, CameraType, EmissionSide, LightType};
 use super::transform::{sin_cos, unit};
@@ -130,7 +131,7 @@ fn environment(
 }
 
 /// A number in [0, 1], or 0.
-fn share(source: &Source, value: Option<Spanned<Amount>>, key: &str) -> Result<f64> {
+pub fn share(source: &Source, value: Option<Spanned<Amount>>, key: &str) -> Result<f64> {
     let Some(value) = value else { return Ok(0.0) };
     let Amount(number) = *value.get_ref();
     if number <= 1.0 { Ok(number) } else { Err(source.outside(&value.span(), key, number, "from 0 to 1")) }
@@ -168,7 +169,7 @@ pub fn materials(
 
 fn material(
     source: &Source,
-    table: tables::Material,
+    mut table: tables::Material,
     name_at: &Span,
     warnings: &mut Vec<String>,
 ) -> Result<NamedMaterial> {
@@ -182,7 +183,8 @@ fn material(
             "use `reflectivity` for (1 - r) * local + r * reflected, or `kr` and `kt` for local + kr * reflected + kt * refracted",
         ));
     }
-    let defaults = Material::default();
+    let physical = physical::surface(source, &mut table, name_at)?;
+    let defaults = physical.map_or_else(Material::default, Material::from);
     let color =
         |value: Option<Spanned<Rgb>>, default: Color| value.map_or(default, |value| value.into_inner().0);
     let kd = color(table.kd, defaults.kd);
@@ -197,8 +199,9 @@ fn material(
         reflectivity: share(source, table.reflectivity, "reflectivity")?,
         emission: color(table.emission, defaults.emission),
         one_sided: table.emission_side.is_some_and(|side| *side.get_ref() == EmissionSide::Front),
-        fresnel: table.fresnel.is_some_and(Spanned::into_inner),
+        fresnel: table.fresnel.map_or(defaults.fresnel, Spanned::into_inner),
         texture: None,
+        physical,
     };
     if material.fresnel && !material.is_transparent() {
         warn(warnings, source.file, || {

@@ -7,6 +7,7 @@ use serde::Deserialize;
 use super::source::Span;
 use super::value::{Amount, Finite, OneOrList, Rgb, Rotation, Vector};
 use crate::scene::Shading;
+use crate::scene::metal::Metal;
 use crate::settings::{Encoding, Filter, Integrator, SamplerKind};
 
 /// A whole file.
@@ -83,23 +84,28 @@ pub struct Render {
     pub ambient_floor: Option<Spanned<Amount>>,
 }
 
-/// `[[material]]`
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Material {
-    pub name: Option<Spanned<String>>,
-    pub ka: Option<Spanned<Rgb>>,
-    pub kd: Option<Spanned<Rgb>>,
-    pub ks: Option<Spanned<Rgb>>,
-    pub shininess: Option<Spanned<Amount>>,
-    pub kr: Option<Spanned<Rgb>>,
-    pub kt: Option<Spanned<Rgb>>,
-    pub ior: Option<Spanned<Finite>>,
-    pub reflectivity: Option<Spanned<Amount>>,
-    pub emission: Option<Spanned<Rgb>>,
-    pub emission_side: Option<Spanned<EmissionSide>>,
-    pub fresnel: Option<Spanned<bool>>,
-    pub texture: Option<Spanned<String>>,
+table! {
+    /// `[[material]]`
+    Material {
+        name: String,
+        r#type: MaterialType,
+        ka: Rgb,
+        kd: Rgb,
+        ks: Rgb,
+        shininess: Amount,
+        kr: Rgb,
+        kt: Rgb,
+        ior: Finite,
+        reflectivity: Amount,
+        emission: Rgb,
+        emission_side: EmissionSide,
+        fresnel: bool,
+        texture: String,
+        metal: Metal,
+        eta: Rgb,
+        k: Rgb,
+        roughness: Amount,
+    }
 }
 
 table! {
@@ -159,6 +165,14 @@ pub enum CameraType {
 pub enum EmissionSide {
     Both,
     Front,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MaterialType {
+    Phong,
+    Conductor,
+    Dielectric,
 }
 
 #[derive(Clone, Copy, Debug, Deserialize)]

@@ -10,6 +10,8 @@ use super::{build, describe};
 use crate::error::Result;
 use crate::scene::light::LightShape;
 use crate::scene::load::{Loaded, load};
+use crate::scene::material::Physical;
+use crate::scene::metal::Metal;
 use crate::scene::{Camera, Shading};
 use crate::settings::{Encoding, Filter, Integrator};
 
@@ -126,6 +128,31 @@ fn materials() {
     assert_eq!((b.shininess, b.ior, b.emission), (9.0, 2.0, [3.0; 3]));
     assert_eq!(*grey, Default::default());
     assert_eq!(scene.header.parts.iter().map(|part| part.material).collect::<Vec<_>>(), [1, 2, 2]);
+}
+
+#[test]
+fn physical_materials_bring_the_coefficients_of_the_whitted_integrator() {
+    let scene = read(
+        "[[material]]\nname = 'mirror'\ntype = 'conductor'\nmetal = 'gold'\n\
+         [[material]]\nname = 'brushed'\ntype = 'conductor'\neta = 0\nk = [1, 2, 3]\nroughness = 0.5\nkd = 0.1\n\
+         [[material]]\nname = 'frosted'\ntype = 'dielectric'\nroughness = 0.25\nior = 1.3\n\
+         [[material]]\nname = 'matt'\ntype = 'phong'\n[[object]]\ntype = 'box'",
+    )
+    .unwrap()
+    .scene;
+    let [mirror, brushed, frosted, matt, ..] = &scene.header.materials[..] else { panic!() };
+    let (eta, k) = Metal::Gold.index();
+    assert_eq!(mirror.physical, Some(Physical::Conductor { eta, k, roughness: 0.0 }));
+    // Gold reflects red as good as a mirror and blue hardly half: ((1.332 - 1)² + 1.869²) / ((1.332 + 1)² + 1.869²).
+    assert_eq!((mirror.kd, mirror.ks), ([0.0; 3], [0.0; 3]));
+    assert!((mirror.kr[2] - 0.403_452).abs() < 1e-5 && mirror.kr[0] > 0.94, "{:?}", mirror.kr);
+    let physical = Physical::Conductor { eta: [0.0; 3], k: [1.0, 2.0, 3.0], roughness: 0.5 };
+    assert_eq!(brushed.physical, Some(physical));
+    // α is 1/4.
+    assert_eq!((brushed.kd, brushed.ks, brushed.kr, brushed.shininess), ([0.1; 3], [1.0; 3], [0.0; 3], 30.0));
+    assert_eq!(frosted.physical, Some(Physical::Dielectric { roughness: 0.25 }));
+    assert_eq!((frosted.kd, frosted.kt, frosted.fresnel, frosted.ior), ([0.0; 3], [1.0; 3], true, 1.3));
+    assert_eq!(*matt, Default::default());
 }
 
 #[test]
@@ -251,6 +278,17 @@ fn what_is_wrong_is_named_with_its_line() {
         format!("{material}[[material]]\nname = 'a' #! second material"),
         "[[material]] #! without `name`\nkd = 1".into(),
         format!("{material}texture = 'missing.png' #! missing.png: can't read"),
+        format!("{material}type = 'glass' #! unknown variant `glass`"),
+        format!("{material}roughness = 0.5 #! `roughness` means nothing for a material of coefficients"),
+        format!("{material}type = 'conductor'\nior = 1.5 #! `ior` means nothing for a conductor"),
+        format!("{material}type = 'dielectric'\nmetal = 'gold' #! `metal` means nothing for a dielectric"),
+        format!("{material}type = 'dielectric'\nroughness = 1.5 #! from 0 to 1"),
+        format!("{material}type = 'conductor'\nmetal = 'tin' #! unknown variant `tin`"),
+        format!("{material}type = 'conductor'\nmetal = 'gold'\nk = 3 #! `k` beside `metal`"),
+        format!("{material}type = 'conductor'\neta = -1 #! at least 0"),
+        format!("{material}type = 'conductor'\nk = 1\neta = [1, 2000, 1] #! from 0 to 1000"),
+        "[[material]]\nname = 'a' #! without `metal`\ntype = 'conductor'".into(),
+        "[[material]]\nname = 'a' #! without `k`\ntype = 'conductor'\neta = 1".into(),
         // Cameras
         "[camera] #! without `position`\nlook_at = [0, 0, 0]".into(),
         "[camera] #! without `look_at`\nposition = [0, 0, 0]".into(),

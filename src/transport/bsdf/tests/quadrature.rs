@@ -15,28 +15,38 @@ const NODES: [[f64; 2]; 5] = [
     [0.906179845938664, 0.236926885056189],
 ];
 
-/// Polar coordinates about an axis that a lobe may be narrow around: the polar angle is π t³.
+/// Polar coordinates; the polar angle is π tⁿ.
 #[derive(Clone, Copy)]
 pub struct Polar {
     x: DVec3,
     y: DVec3,
     axis: DVec3,
+    power: i32,
 }
 
 /// `[t low, t high, φ low, φ high]`.
 pub type Cell = [f64; 4];
 
 impl Polar {
+    /// For a lobe that is narrow around `axis`.
     pub fn about(axis: DVec3) -> Self {
         let (x, y) = axis.any_orthonormal_pair();
-        Polar { x, y, axis }
+        Polar { x, y, axis, power: 3 }
+    }
+
+    /// For a wide lobe: the horizon, where densities end, is between cells.
+    pub fn upright() -> Self {
+        Polar { x: DVec3::X, y: DVec3::Y, axis: DVec3::Z, power: 1 }
     }
 
     /// `[t, φ]` of a direction, t in [0, 1], φ in [0, 2π).
     pub fn coordinates(&self, direction: DVec3) -> [f64; 2] {
         let [x, y, z] = [self.x, self.y, self.axis].map(|axis| axis.dot(direction));
         let phi = libm::atan2(y, x);
-        [libm::cbrt(libm::atan2(libm::hypot(x, y), z) / PI), if phi < 0.0 { phi + TAU } else { phi }]
+        [
+            libm::pow(libm::atan2(libm::hypot(x, y), z) / PI, 1.0 / f64::from(self.power)),
+            if phi < 0.0 { phi + TAU } else { phi },
+        ]
     }
 
     /// The integral over solid angle of a cell.
@@ -93,8 +103,9 @@ impl Polar {
         let mut sum = [0.0; 4];
         for [node, weight] in NODES {
             let t = t0 + half_t * (1.0 + node);
-            let (sine, cosine) = libm::sincos(PI * t * t * t);
-            let area = weight * half_t * sine * 3.0 * PI * t * t;
+            let slope = PI * (1..self.power).fold(1.0, |product, _| product * t);
+            let (sine, cosine) = libm::sincos(slope * t);
+            let area = weight * half_t * sine * slope * f64::from(self.power);
             for (across, weight) in azimuths {
                 let value = f(across * sine + self.axis * cosine);
                 sum = added(sum, value.map(|v| v * (area * weight)));
