@@ -20,6 +20,7 @@ pub const BLACK: Material = Material {
     ior: 1.5,
     reflectivity: 0.0,
     emission: [0.0; 3],
+    one_sided: false,
     fresnel: false,
     texture: None,
     physical: None,
