@@ -6,6 +6,8 @@ use std::path::PathBuf;
 pub const EXIT_FAILURE: i32 = 1;
 /// Exit code of a usage error: a wrong flag or value.
 pub const EXIT_USAGE: i32 = 2;
+/// Exit code of a render that a clock ended: what was written is sound, but not all that was asked for.
+pub const EXIT_STOPPED: i32 = 75;
 
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -42,6 +44,10 @@ pub enum Error {
     /// The launcher, the MPI library and this build don't fit together, or a message broke.
     #[error("{what}; {mend}")]
     Launch { what: String, mend: String },
+
+    /// A clock ended what can be gone on with.
+    #[error("{0}")]
+    Stopped(String),
 
     /// An error that another rank reported; its text is already complete.
     #[error("{message}")]
@@ -89,6 +95,7 @@ impl Error {
     pub fn exit_code(&self) -> i32 {
         match self {
             Error::Usage { .. } | Error::Flags(_) => EXIT_USAGE,
+            Error::Stopped(_) => EXIT_STOPPED,
             Error::Remote { code, .. } => *code,
             _ => EXIT_FAILURE,
         }

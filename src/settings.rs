@@ -22,6 +22,10 @@ pub struct ImageSettings {
     pub roulette: u32,
     /// How paths find lights.
     pub direct: Direct,
+    /// How good each part of the image must become, by at most `spp` samples; else all pixels get as many.
+    pub error_target: Option<ErrorTarget>,
+    /// Whether variances of pixels are to be known.
+    pub variance: bool,
     pub sampler: SamplerKind,
     pub filter: Filter,
     pub encoding: Encoding,
@@ -50,12 +54,35 @@ impl ImageSettings {
             min_weight: 0.0,
             roulette: Self::ROULETTE,
             direct: Direct::Both,
+            error_target: None,
+            variance: false,
             sampler: SamplerKind::Sobol,
             filter: Filter::Box,
             encoding: Encoding::Srgb,
             show: Show::Scene,
         }
     }
+}
+
+/// An error that is allowed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ErrorTarget {
+    pub metric: ErrorMetric,
+    /// > 0.
+    pub value: f64,
+}
+
+/// How errors are measured against what infinitely many samples would show.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum ErrorMetric {
+    /// Root mean square error of linear values.
+    #[default]
+    Rmse,
+    /// Relative mean square error: each square over that of the value itself, plus 0.01.
+    Relmse,
+    /// Root mean square error of sRGB display values from 0 to 1.
+    Display,
 }
 
 /// Pixels x0 <= x < x1, y0 <= y < y1; row 0 is on top.
@@ -161,7 +188,7 @@ pub enum Show {
     Bounds,
 }
 
-/// How the image is computed: nothing here changes a byte of it.
+/// How the image is computed: nothing here but a time limit changes a byte of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RunSettings {
     pub accel: AccelKind,
@@ -174,6 +201,8 @@ pub struct RunSettings {
     pub deal: Deal,
     /// Bytes that each rank gives to rays under way where they travel.
     pub ray_memory: u64,
+    /// Seconds of tracing after which no more samples are begun: the one thing here that changes the image.
+    pub time_limit: Option<f64>,
 }
 
 impl RunSettings {
@@ -191,6 +220,7 @@ impl Default for RunSettings {
             tile_size: 32,
             deal: Deal::default(),
             ray_memory: RunSettings::RAY_MEMORY,
+            time_limit: None,
         }
     }
 }

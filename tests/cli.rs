@@ -173,6 +173,52 @@ fn strategies_are_measured_and_drawn() {
 }
 
 #[test]
+fn means_are_tested_by_the_variances_of_exr_layers() {
+    use heliostat::image::{Image, Layer};
+    use heliostat::output::write::{Target, WriteOptions, write_with_layers};
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, value: f32, layers: &[Layer]| {
+        let image = Image { width: 8, height: 4, pixels: vec![[value; 3]; 32] };
+        let target = Target::parse(folder.path().join(name).to_str().unwrap()).unwrap();
+        write_with_layers(&image, layers, &target, &WriteOptions::default()).unwrap();
+    };
+    // The mean of 32 pixels of deviation 0.1 has the standard error 0.0177, the pixels' own is 0.1.
+    write("reference.exr", 0.5, &[]);
+    write("sound.exr", 0.52, &[Layer::variance(vec![[0.01; 3]; 32]), Layer::depth(vec![1.0; 32])]);
+    write("biased.exr", 0.6, &[Layer::variance(vec![[0.01; 3]; 32])]);
+    write("reference.png", 0.5, &[]);
+    let compare = |test: &str, more: &[&str]| {
+        heliostat(folder.path(), &[&["compare", "reference.exr", test, "--min-p", "0.01"], more].concat())
+    };
+
+    let output = compare("sound.exr", &["--json", "--heat-map", "map.png", "--max-hdr-flip", "0.5"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("wrote map.png: root mean square"));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let z = json["z_test"]["z"][1].as_f64().unwrap();
+    assert!((z - 0.02 / 0.1 * 32_f64.sqrt()).abs() < 1e-4, "{z}");
+    assert!(json["hdr_flip"].as_f64().unwrap() > 0.0);
+    let map = heliostat::output::read::read(&folder.path().join("map.png")).unwrap();
+    assert_eq!((map.width, map.height), (8, 4));
+
+    let output = compare("biased.exr", &[]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stderr).contains("biased.exr differs too much: the means' p"));
+    let table = text(&output.stdout);
+    assert!(table.contains("z +5.657") && table.contains("pixels    0 beyond 1 %"), "{table}");
+
+    let none = compare("reference.png", &[]);
+    assert_eq!(none.status.code(), Some(2));
+    assert!(text(&none.stderr).contains("--min-p: neither image has a layer `variance`"));
+    let flags = ["compare", "reference.png", "reference.exr", "--max-hdr-flip", "1"];
+    let display = heliostat(folder.path(), &flags);
+    assert_eq!(display.status.code(), Some(2));
+    assert!(text(&display.stderr).contains("EXR or PFM"));
+    refuses(&["compare", "a.exr", "b.exr", "--heat-map", "map.exr"], 2, &["--heat-map", ".png"]);
+    refuses(&["compare", "a.exr", "b.exr", "--min-p", "2"], 2, &["--min-p", "0 to 1"]);
+}
+
+#[test]
 fn wrong_flags_are_usage_errors() {
     let spheres = scene("orthographic.toml");
     refuses(&["render"], 2, &["<SCENE>"]);

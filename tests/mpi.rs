@@ -118,7 +118,7 @@ fn render_on(comm: &dyn Comm, mut work: Work, threads: usize) -> Result<Option<I
     job::distribute(&crew, &mut work)?;
     let has_all = work.division.is_none();
     assert!(!has_all || work.scene.file.is_some() == is_mapped, "rank {} has mapped nothing", comm.rank());
-    job::render(&crew, &mut work, &mut RankStats::default())
+    Ok(job::render(&crew, &mut work, &mut RankStats::default())?.map(|rendered| rendered.image))
 }
 
 fn share_small(comm: &dyn Comm, work: &Work) -> Result<bool> {

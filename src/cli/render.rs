@@ -9,8 +9,8 @@ use crate::accel::{Accel, divided};
 use crate::cluster::share;
 use crate::cluster::{self, Comm, threads};
 use crate::error::{Error, Result};
-use crate::image::Image;
-use crate::job::{self, Crew, Work};
+use crate::image::Layer;
+use crate::job::{self, Crew, Rendered, Work};
 use crate::output::progress::ProgressKind;
 use crate::output::stats::{RankStats, Stats};
 use crate::output::timeline::{self, Timeline};
@@ -18,8 +18,8 @@ use crate::output::write::{self, Target, WriteOptions};
 use crate::output::{file, metadata};
 use crate::scene::load::{self, ImageDefaults};
 use crate::settings::{
-    AccelKind, BuildPreset, BuildSettings, Crop, Deal, Direct, Encoding, Filter, ImageSettings, Integrator,
-    RunSettings, SamplerKind, Show, Split, Within,
+    AccelKind, BuildPreset, BuildSettings, Crop, Deal, Direct, Encoding, ErrorMetric, ErrorTarget, Filter,
+    ImageSettings, Integrator, RunSettings, SamplerKind, Show, Split, Within,
 };
 
 #[derive(Debug, clap::Args)]
@@ -45,6 +45,18 @@ pub struct Args {
     /// Samples per pixel; 1 goes through the pixel's centre [default: the scene's, else 1]
     #[arg(long, value_name = "N", env = "HELIOSTAT_SPP", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
     spp: Option<u32>,
+    /// Sample each part of the image only until its error is below this; --spp is the most samples then [default: 65536]
+    #[arg(long, value_name = "E", env = "HELIOSTAT_ERROR_TARGET", value_parser = positive, help_heading = "Image")]
+    error_target: Option<f64>,
+    /// What --error-target measures: root mean square error, relative mean square error, or root mean square error of sRGB display values
+    #[arg(long, env = "HELIOSTAT_ERROR_METRIC", default_value = "rmse", help_heading = "Image")]
+    error_metric: ErrorMetric,
+    /// Begin no more samples when the next ones would end later than this; the image is whole, its error is told, and the exit code is 75 if more was asked for
+    #[arg(long, value_name = "SECONDS", env = "HELIOSTAT_TIME_LIMIT", value_parser = seconds, help_heading = "Image")]
+    time_limit: Option<f64>,
+    /// What is written beside the image, as layers of an .exr file; may be repeated
+    #[arg(long, value_name = "LAYER", env = "HELIOSTAT_AOV", value_delimiter = ',', help_heading = "Image")]
+    aov: Vec<Aov>,
     /// Seed of all random numbers [default: the scene's, else 0]
     #[arg(long, value_name = "N", env = "HELIOSTAT_SEED", help_heading = "Image")]
     seed: Option<u64>,
@@ -122,6 +134,13 @@ pub struct Args {
     verbose: bool,
 }
 
+/// What can be written beside the image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Aov {
+    /// Of each pixel's mean: its standard error squared.
+    Variance,
+}
+
 /// What rank 0 alone keeps: where to write and what to say.
 struct Errand {
     targets: Vec<Target>,
@@ -157,14 +176,14 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     let crew = Crew { comm, pool: &pool, wide, timeline: &timeline, progress: &*progress };
     job::distribute(&crew, &mut work)?;
     stats.seconds.broadcast = begin.elapsed().as_secs_f64();
-    let image = job::render(&crew, &mut work, &mut stats)?;
+    let rendered = job::render(&crew, &mut work, &mut stats)?;
 
     // Rank 0 writes; a full disk is everybody's error.
     let begin = Instant::now();
-    share::outcome(comm, || match (&image, &errand) {
-        (Some(image), Some(errand)) => {
+    share::outcome(comm, || match (&rendered, &errand) {
+        (Some(rendered), Some(errand)) => {
             let _span = timeline.span(0, "write");
-            write_image(image, &work, errand)
+            write_image(rendered, &work, errand)
         }
         _ => Ok(()),
     })?;
@@ -172,14 +191,16 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     stats.bytes_sent = comm.bytes_sent();
     let ranks = job::gather_stats(comm, &stats)?;
     let events = job::gather_events(comm, &timeline)?;
-    share::outcome(comm, || match (errand, ranks, events) {
-        (Some(errand), Some(ranks), Some(events)) => {
+    share::outcome(comm, || match (errand, ranks, events, rendered) {
+        (Some(errand), Some(ranks), Some(events), Some(rendered)) => {
             if let Some(path) = &errand.timeline {
                 timeline::write(path, &events)?;
             }
             let image = &work.image;
             let seconds = start.elapsed().as_secs_f64();
-            report(&errand, &Stats::new(image.width, image.height, image.spp, seconds, ranks))
+            let stats = Stats::new(image.width, image.height, image.spp, seconds, ranks);
+            report(&errand, &Stats { error: rendered.error, ..stats })?;
+            if rendered.complete { Ok(()) } else { Err(stopped(&rendered)) }
         }
         _ => Ok(()),
     })
@@ -214,6 +235,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
         tile_size: args.tile_size,
         deal: args.deal,
         ray_memory: args.ray_memory,
+        time_limit: args.time_limit,
     };
     if run.split.is_partitioned() && run.within == Within::Triangles {
         return Err(Error::usage(
@@ -258,6 +280,9 @@ fn errand(args: &Args) -> Result<Errand> {
     // Under a launcher nobody knows whether standard output is a terminal in the end.
     let unknown = |target: &&Target| **target == Target::Stdout && cluster::is_launched();
     targets.iter().filter(|target| !unknown(target)).try_for_each(Target::check_writable)?;
+    if !args.aov.is_empty() {
+        targets.iter().try_for_each(Target::check_layers)?;
+    }
     for path in [&args.stats, &args.timeline].into_iter().flatten() {
         file::check_writable(path)?;
     }
@@ -283,18 +308,31 @@ fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
             "give X1 and Y1 up to the image's width and height",
         ));
     }
+    // A target or a limit says when it is enough; what the scene takes is for images without.
+    let open_ended = args.error_target.is_some() || args.time_limit.is_some();
+    let spp = match args.spp {
+        Some(spp) => spp,
+        None if open_ended => 65536,
+        None => scene.spp.unwrap_or(default.spp),
+    };
+    if spp == 1 && args.aov.contains(&Aov::Variance) {
+        return Err(Error::usage("--aov", "one sample per pixel has no variance", "give --spp 2 or more"));
+    }
+    let error_target = args.error_target.map(|value| ErrorTarget { metric: args.error_metric, value });
     let integrator = args.integrator.or(scene.integrator).unwrap_or(default.integrator);
     Ok(ImageSettings {
         width,
         height,
         crop,
-        spp: args.spp.or(scene.spp).unwrap_or(default.spp),
+        spp,
         seed: args.seed.or(scene.seed).unwrap_or(default.seed),
         integrator,
         max_depth: args.max_depth.or(scene.max_depth).unwrap_or(integrator.max_depth()),
         min_weight: args.min_weight.or(scene.min_weight).unwrap_or(default.min_weight),
         roulette: args.roulette,
         direct: args.direct,
+        error_target,
+        variance: args.aov.contains(&Aov::Variance),
         sampler: args.sampler.or(scene.sampler).unwrap_or(default.sampler),
         filter: args.filter.or(scene.filter).unwrap_or(default.filter),
         encoding: args.encoding.or(scene.encoding).unwrap_or(default.encoding),
@@ -325,12 +363,29 @@ fn size(args: &Args, scene: &ImageDefaults, default: &ImageSettings) -> Result<(
     Ok((width, height))
 }
 
-fn write_image(image: &Image, work: &Work, errand: &Errand) -> Result<()> {
-    let options = WriteOptions { encoding: work.image.encoding, metadata: metadata::describe(&work.image) };
+fn write_image(rendered: &Rendered, work: &Work, errand: &Errand) -> Result<()> {
+    let mut metadata = metadata::describe(&work.image);
+    metadata.extend(rendered.error.iter().flat_map(metadata::describe_error));
+    let options = WriteOptions { encoding: work.image.encoding, metadata };
+    let variance = rendered.variance.as_ref().filter(|_| work.image.variance);
+    let layers: Vec<Layer> = variance.map(|variance| Layer::variance(variance.clone())).into_iter().collect();
     // One folder that is gone must not cost the images that another would take.
-    let written: Vec<Result<()>> =
-        errand.targets.iter().map(|target| write::write(image, target, &options)).collect();
+    let written: Vec<Result<()>> = errand
+        .targets
+        .iter()
+        .map(|target| write::write_with_layers(&rendered.image, &layers, target, &options))
+        .collect();
     written.into_iter().collect()
+}
+
+fn stopped(rendered: &Rendered) -> Error {
+    let error = match &rendered.error {
+        Some(error) => format!("after {:.1} samples per pixel, RMSE {:.2e}", error.spp, error.rmse),
+        None => "before it was done".into(),
+    };
+    Error::Stopped(format!(
+        "--time-limit ended the render {error}; the image is whole, give more time for a better one"
+    ))
 }
 
 fn report(errand: &Errand, stats: &Stats) -> Result<()> {
@@ -356,6 +411,20 @@ fn weight(text: &str) -> std::result::Result<f64, String> {
         Ok(value) if value >= 0.0 && value.is_finite() => Ok(value),
         _ => Err("give a finite number of 0 or more".into()),
     }
+}
+
+fn positive(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("give a finite number above 0".into()),
+    }
+}
+
+fn seconds(text: &str) -> std::result::Result<f64, String> {
+    positive(text)
+        .ok()
+        .filter(|&seconds| seconds <= 1e9)
+        .ok_or_else(|| "give seconds, above 0 and up to 1e9".into())
 }
 
 /// A number of bytes, with K, M, G or T for powers of 1024.

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::job;
 use crate::lab::strategies::{Field, Strategy};
 use crate::output::file;
-use crate::output::plot::{self, Curve};
+use crate::output::plot::{Plot, Scale, Series};
 use crate::scene::generate::icosphere;
 use crate::settings::AccelKind;
 
@@ -172,12 +172,12 @@ fn draw(args: &Args, rows: &[Row], threads: usize) -> String {
             let of_curve = rows.iter().filter(|row| row.accel == accel && row.strategy == strategy.name());
             let points = of_curve.filter_map(|row| Some((row.triangles as f64, row.seconds?))).collect();
             let name = format!("{}, {}", format!("{accel:?}").to_lowercase(), strategy.name());
-            curves.push(Curve { name, points, dashes, markers });
+            curves.push(Series { name, points, on_front: Vec::new(), dashes, markers });
         }
     }
     let title =
         format!("{} camera rays, {threads} threads, {} spheres", u64::from(args.side).pow(2), args.objects);
-    plot::log_log(&title, ["triangles", "seconds"], &curves)
+    Plot::new(&title, ("triangles", Scale::Log), ("seconds", Scale::Log), curves).svg()
 }
 
 fn seconds(text: &str) -> std::result::Result<f64, String> {

@@ -4,21 +4,23 @@ mod pack;
 mod partition;
 mod share;
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rayon::ThreadPool;
 
 use crate::accel::Accel;
 use crate::cluster::deal::{self, DealStats, Plan};
-use crate::cluster::share::Share;
+use crate::cluster::share::{Share, computed};
 use crate::cluster::{Comm, Solo};
 use crate::error::{Error, Result};
 use crate::image::Image;
 use crate::output::progress::{Progress, ProgressKind};
 use crate::output::stats::{self, RankStats};
 use crate::output::timeline::{Event, Timeline};
+use crate::render::estimate::{ErrorReached, Estimate};
 use crate::render::film::Film;
 use crate::render::filter::FilterTable;
+use crate::render::rounds::{self, Activity, Round};
 use crate::render::tile::Tiling;
 use crate::render::{RayTally, Renderer, cost};
 use crate::scene::Scene;
@@ -45,21 +47,67 @@ pub fn distribute(crew: &Crew, work: &mut Work) -> Result<()> {
     if crew.comm.rank() == 0 && work.image.integrator == Integrator::Path {
         work.scene.find_emitters();
     }
-    let split = crate::cluster::share::computed(crew.comm, || Ok(work.run.split))?;
+    let split = computed(crew.comm, || Ok(work.run.split))?;
     if split.is_partitioned() { partition::scatter(crew, work) } else { work.share(Share::new(crew.comm)) }
 }
 
-/// Collective: renders the work that was [`distribute`]d to all ranks; rank 0 gets the image. Adds what this rank did to `stats`.
-pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Option<Image>> {
+/// What rank 0 has in the end.
+#[derive(Clone, Debug)]
+pub struct Rendered {
+    pub image: Image,
+    /// Of each pixel's mean, where it is known.
+    pub variance: Option<Vec<[f32; 3]>>,
+    pub error: Option<ErrorReached>,
+    /// Whether all was done that was asked for: no clock ended it.
+    pub complete: bool,
+}
+
+/// Collective: renders the work that was [`distribute`]d to all ranks, round by round; rank 0 gets the image. Adds what this rank did to `stats`.
+pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Option<Rendered>> {
+    let begin = Instant::now();
+    let ImageSettings { crop, variance, error_target, .. } = work.image;
+    let limit = work.run.time_limit.map(Duration::from_secs_f64);
+    let schedule = rounds::schedule(&work.image, limit.is_some());
+    let filter = FilterTable::new(work.image.filter);
+    let variances = variance || error_target.is_some() || limit.is_some();
+    let mut estimate = (crew.comm.rank() == 0).then(|| {
+        Estimate::new(rounds::area(&work.image), filter.planes(), filter.negative_mass(), variances)
+    });
+    let mut activity = Activity::all(&work.image);
+    let mut complete = true;
+    let mut costs = Vec::new();
+    for (number, round) in schedule.iter().enumerate() {
+        let film = match work.run.split {
+            Split::Tiles | Split::Stream => deal_tiles(crew, work, (round, &activity), &mut costs, stats)?,
+            Split::Triangles | Split::Voxels => partition::render(crew, work, (round, &activity), stats)?,
+        };
+        if let (Some(estimate), Some(film)) = (&mut estimate, film) {
+            estimate.absorb(film, round);
+        }
+        let Some(next) = schedule.get(number + 1) else { break };
+        // Rank 0 alone has the whole film, and the clock that counts.
+        let decision = computed(crew.comm, || {
+            let Some(estimate) = &estimate else { return Ok((Activity::default(), false)) };
+            let wanting = error_target.map(|target| estimate.wanting(&work.image, target, &activity));
+            // The next round takes about as long as all before, in proportion to its samples.
+            let expected = begin.elapsed().mul_f64(1.0 + f64::from(next.count) / f64::from(next.first));
+            Ok((wanting.unwrap_or_else(|| activity.clone()), limit.is_some_and(|limit| expected > limit)))
+        })?;
+        let late;
+        (activity, late) = decision;
+        if activity.is_over() {
+            break;
+        }
+        if late {
+            complete = false;
+            break;
+        }
+    }
     let floor = work.scene.header.ambient_floor;
-    let film = match work.run.split {
-        Split::Tiles | Split::Stream => deal_tiles(crew, work, stats)?,
-        Split::Triangles | Split::Voxels => partition::render(crew, work, stats)?,
-    };
-    let negative_mass = FilterTable::new(work.image.filter).negative_mass();
-    Ok(film.map(|film| {
+    Ok(estimate.map(|estimate| {
         let _span = crew.timeline.span(0, "resolve");
-        film.resolve(negative_mass, floor)
+        let (image, variance) = estimate.resolve(crop, floor);
+        Rendered { image, variance, error: estimate.error(crop), complete }
     }))
 }
 
@@ -80,23 +128,34 @@ fn waiting_for<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T
     done.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
 
-/// Splits `tiles` and `stream`: the ranks render screen tiles, and rank 0 gathers their films. It deals them on demand, the costliest first, or all at once.
-/// Within ranks over triangles the work's accelerator isn't used: each rank builds its own.
-fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<Film>> {
+/// Splits `tiles` and `stream`: the ranks render a round of screen tiles, and rank 0 gathers their films. It deals them on demand, the costliest first, or all at once.
+/// Within ranks over triangles the work's accelerator isn't used: each rank builds its own. `costs` are kept from the first round on.
+fn deal_tiles(
+    crew: &Crew,
+    work: &Work,
+    (round, activity): (&Round, &Activity),
+    costs: &mut Vec<f32>,
+    stats: &mut RankStats,
+) -> Result<Option<Film>> {
     let divided = (work.run.within == Within::Triangles).then(|| divide(crew, work, stats));
     let renderer = &Renderer::new(&work.scene, divided.as_ref().unwrap_or(&work.accel), &work.image);
-    let tiling = &Tiling::new(work.image.crop, work.run.tile_size);
+    let area = rounds::area(&work.image);
+    let tiling = &Tiling::new(area, work.run.tile_size);
     let leads = crew.comm.rank() == 0;
     let begin = Instant::now();
-    let mut film = leads.then(|| Film::new(work.image.crop, renderer.planes()));
+    let mut film = leads.then(|| Film::new(area, renderer.planes(round)));
+    let active = |tile: u32| tiling.tile(tile).pixels(work.image.width).any(|pixel| activity.holds(pixel));
 
     // A coarse look at the image tells which tiles are hot.
     let on_demand = work.run.split == Split::Tiles;
     let plan = (leads && on_demand).then(|| {
-        let _span = crew.timeline.span(0, "prepass");
-        let (costs, rays) = crew.wide.install(|| cost::estimate(renderer, work.image.crop, tiling));
-        stats.rays.prepass = rays.iter().sum();
-        Plan::new((0..).zip(costs))
+        if costs.is_empty() {
+            let _span = crew.timeline.span(0, "prepass");
+            let rays;
+            (*costs, rays) = crew.wide.install(|| cost::estimate(renderer, area, tiling));
+            stats.rays.prepass = rays.iter().sum();
+        }
+        Plan::new((0..).zip(costs.iter().copied()).filter(|&(tile, _)| active(tile)))
     });
 
     // Where the threads share each batch of rays, tiles come one at a time.
@@ -111,8 +170,8 @@ fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<
         let _span = crew.timeline.span(1 + rayon::current_thread_index().unwrap_or(0) as u32, "tile");
         let tile = tiling.tile(index);
         let (tile_film, rays) = match one {
-            None => renderer.tile(tile),
-            Some(_) => waiting_for(crew.pool, || renderer.tile(tile)),
+            None => renderer.tile(tile, round, activity),
+            Some(_) => waiting_for(crew.pool, || renderer.tile(tile, round, activity)),
         };
         bytes.extend_from_slice(tile_film.as_bytes());
         tally.add(&rays);
@@ -123,7 +182,7 @@ fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<
     };
     let mut shown = 0;
     if leads {
-        crew.progress.begin(u64::from(tiling.len()));
+        crew.progress.begin((0..tiling.len()).filter(|&tile| active(tile)).count() as u64);
     }
     let mut tick = |now: deal::Progress| {
         crew.progress.advance((now.done - shown) as u64);
@@ -133,7 +192,8 @@ fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<
     let dealt = if on_demand {
         deal::run(crew.comm, pool, plan.as_ref(), &render, &mut deposit, &mut tick)?
     } else {
-        let own = partition::dealt_tiles(tiling, work.run.deal, crew.comm.rank(), crew.comm.size());
+        let mut own = partition::dealt_tiles(tiling, work.run.deal, crew.comm.rank(), crew.comm.size());
+        own.retain(|&tile| active(tile));
         deal::run_fixed(crew.comm, pool, &own, &render, &mut deposit, &mut tick)?
     };
     if leads {
@@ -145,10 +205,11 @@ fn deal_tiles(crew: &Crew, work: &Work, stats: &mut RankStats) -> Result<Option<
 
 fn account(stats: &mut RankStats, dealt: &DealStats, tally: &RayTally, begin: Instant) {
     let [camera, reflection, refraction, shadow] = tally.counts();
-    stats.rays = stats::RayCounts { camera, reflection, refraction, shadow, ..stats.rays };
-    stats.tiles = dealt.units as u64;
-    stats.seconds.trace = dealt.elapsed.as_secs_f64();
-    stats.seconds.gather = begin.elapsed().as_secs_f64() - stats.seconds.trace;
+    stats.rays += stats::RayCounts { camera, reflection, refraction, shadow, prepass: 0 };
+    stats.tiles += dealt.units as u64;
+    let traced = dealt.elapsed.as_secs_f64();
+    stats.seconds.trace += traced;
+    stats.seconds.gather += begin.elapsed().as_secs_f64() - traced;
 }
 
 /// Collective: rank 0 gets the statistics of all ranks, in rank order.
@@ -205,5 +266,5 @@ pub fn render_alone(scene: Scene, image: ImageSettings, run: RunSettings) -> Res
     let crew = Crew { comm: &Solo::new(), pool: &pool, wide: &pool, timeline, progress: &*progress };
     distribute(&crew, &mut work)?;
     let rendered = render(&crew, &mut work, &mut RankStats::default())?;
-    Ok(rendered.expect("a single process is rank 0"))
+    Ok(rendered.expect("a single process is rank 0").image)
 }

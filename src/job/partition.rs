@@ -11,11 +11,12 @@ use crate::cluster::exchange::{self, Limits, Outbox, Station};
 use crate::cluster::parcel;
 use crate::cluster::share::{self, Share};
 use crate::error::{Error, Result};
-use crate::output::stats::{self, PartStats, RankStats};
+use crate::output::stats::{self, RankStats};
 use crate::render::Renderer;
 use crate::render::cost;
 use crate::render::film::Film;
 use crate::render::relay::{Exit, Holding, Relay, Traveller};
+use crate::render::rounds::{self, Activity, Round};
 use crate::render::tile::{Tile, Tiling};
 use crate::scene::load::Budget;
 use crate::scene::{Scene, SceneHeader};
@@ -128,8 +129,13 @@ fn survey(whole: &Scene, work: &Work, ranks: usize) -> Route {
     Route::Voxels(Survey::new(&whole.surfaces, ranks).divide(ranks, &looks))
 }
 
-/// Collective: renders by rays that travel between the parts; rank 0 gets the film.
-pub(super) fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Option<Film>> {
+/// Collective: renders a round by rays that travel between the parts; rank 0 gets the film.
+pub(super) fn render(
+    crew: &Crew,
+    work: &mut Work,
+    (round, activity): (&Round, &Activity),
+    stats: &mut RankStats,
+) -> Result<Option<Film>> {
     let comm = crew.comm;
     let Division { ids, route, limits } = work.division.take().expect("the scene was divided");
     let begin = Instant::now();
@@ -138,19 +144,17 @@ pub(super) fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Res
         accel: std::mem::replace(&mut work.accel, Accel::Brute),
         ids,
     };
-    stats.part = Some(PartStats {
-        primitives: holding.ids.len() as u64,
-        scene_bytes: holding.scene.memory() as u64,
-        accel_bytes: holding.accel.memory() as u64,
-        ..PartStats::default()
-    });
+    let part = stats.part.get_or_insert_default();
+    part.primitives = holding.ids.len() as u64;
+    part.scene_bytes = holding.scene.memory() as u64;
+    part.accel_bytes = holding.accel.memory() as u64;
 
     // Every rank makes the camera rays of its own tiles.
-    let tiling = Tiling::new(work.image.crop, TILE);
+    let tiling = Tiling::new(rounds::area(&work.image), TILE);
     let tiles = dealt_tiles(&tiling, work.run.deal, comm.rank(), comm.size());
-    let units = tiles.len() as u64 * u64::from(work.image.spp);
-    let relay = Relay::new(holding, &route, comm.rank(), comm.size(), &work.image);
-    let mut source = Source { relay, tiling, tiles, width: work.image.width, spp: work.image.spp };
+    let units = tiles.len() as u64 * u64::from(round.count);
+    let relay = Relay::new(holding, &route, comm.rank(), comm.size(), &work.image, *round);
+    let mut source = Source { relay, tiling, tiles, width: work.image.width, round: *round, activity };
     let mut shown = 0;
     if comm.rank() == 0 {
         crew.progress.begin(units);
@@ -168,15 +172,16 @@ pub(super) fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Res
     if comm.rank() == 0 {
         crew.progress.end();
     }
-    stats.tiles = source.tiles.len() as u64;
-    stats.seconds.trace = begin.elapsed().as_secs_f64();
+    stats.tiles += source.tiles.len() as u64;
+    let traced = begin.elapsed().as_secs_f64();
+    stats.seconds.trace += traced;
 
     // The films of all ranks add up to the image.
     let relay = source.relay;
     let [camera, reflection, refraction, shadow] = relay.tally.counts();
-    stats.rays = stats::RayCounts { camera, reflection, refraction, shadow, ..stats.rays };
+    stats.rays += stats::RayCounts { camera, reflection, refraction, shadow, prepass: 0 };
     if let Some(part) = &mut stats.part {
-        part.exchange = exchanged;
+        part.exchange += exchanged;
     }
     let (holding, mut film) = relay.into_parts();
     let mut outcome = Ok(());
@@ -187,7 +192,7 @@ pub(super) fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Res
         }
     });
     outcome?;
-    stats.seconds.gather = begin.elapsed().as_secs_f64() - stats.seconds.trace;
+    stats.seconds.gather += begin.elapsed().as_secs_f64() - traced;
     work.division = Some(Division { ids: holding.ids, route, limits });
     (work.scene, work.accel) = (holding.scene, holding.accel);
     Ok((comm.rank() == 0).then_some(film))
@@ -212,7 +217,8 @@ struct Source<'a> {
     tiling: Tiling,
     tiles: Vec<u32>,
     width: u32,
-    spp: u32,
+    round: Round,
+    activity: &'a Activity,
 }
 
 impl Station<Traveller> for Source<'_> {
@@ -221,9 +227,11 @@ impl Station<Traveller> for Source<'_> {
     }
 
     fn begin(&self, unit: u64, out: &mut Outbox<Traveller>) {
-        let (place, sample) = (unit / u64::from(self.spp), unit % u64::from(self.spp));
+        let count = u64::from(self.round.count);
+        let (place, sample) = (unit / count, self.round.first + (unit % count) as u32);
         let tile = self.tiling.tile(self.tiles[place as usize]);
-        self.relay.begin(tile.pixels(self.width), sample as u32, out);
+        let pixels = tile.pixels(self.width).filter(|&pixel| self.activity.holds(pixel));
+        self.relay.begin(pixels, sample, out);
     }
 
     fn work(&self, wave: &[Traveller], range: Range<usize>, out: &mut Outbox<Traveller>) {

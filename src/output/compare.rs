@@ -2,14 +2,14 @@
 
 use std::fmt;
 
-use flip_rs::{DEFAULT_PPD, RgbImage, ldr_flip};
 use serde::Serialize;
 
-use super::transfer::srgb_from_linear;
+use super::flip;
+use super::statistics::{PIXEL_LEVEL, ZTest};
 use crate::error::{Error, Result};
 use crate::image::Image;
 
-/// Keeps relMSE finite in black pixels.
+/// Keeps relMSE finite in black pixels, and SMAPE still.
 pub const RELATIVE_EPSILON: f64 = 1e-2;
 
 /// Differences of a test image from a reference. All but FLIP are taken over the linear values of all
@@ -24,18 +24,24 @@ pub struct Comparison {
     /// mean (t − r)² / (r² + ε), ε = [`RELATIVE_EPSILON`]: errors count by how bright the reference is
     /// (after Rousselle, Knaus and Zwicker 2011).
     pub rel_mse: f64,
+    /// mean |t − r| / (|r| + |t| + ε), from 0 to 1: a bright or dark outlier counts as one pixel at most
+    /// (as in Vogels et al. 2018).
+    pub smape: f64,
     /// −20 log₁₀ RMSE in decibels: the peak is 1. Infinite for equal images.
     pub psnr: f64,
     /// The largest |t − r| of any channel.
     pub maximum: f64,
     /// Column and row of its first pixel, (0, 0) on top left.
     pub maximum_at: (u32, u32),
-    /// Mean LDR-FLIP (Andersson et al. 2020) of the sRGB images clamped to [0, 1], at its default of 67
-    /// pixels a degree. NaN is shown as black.
+    /// [`flip::ldr`].
     pub flip: f64,
+    /// [`flip::hdr`] of scene-linear images.
+    pub hdr_flip: Option<f64>,
+    /// Where an image has variances.
+    pub z_test: Option<ZTest>,
 }
 
-/// Compares two images of one size.
+/// Compares two images of one size, but for [`Comparison::hdr_flip`] and [`Comparison::z_test`].
 pub fn compare(reference: &Image, test: &Image) -> Result<Comparison> {
     if (reference.width, reference.height) != (test.width, test.height) {
         return Err(Error::Differs(format!(
@@ -48,7 +54,7 @@ pub fn compare(reference: &Image, test: &Image) -> Result<Comparison> {
         return Err(Error::Differs("the images have no pixels; compare images of at least one pixel".into()));
     }
 
-    let (mut squares, mut relative) = (0.0, 0.0);
+    let (mut squares, mut relative, mut symmetric) = (0.0, 0.0, 0.0);
     let (mut maximum, mut maximum_at) = (0.0, 0);
     let values = reference.pixels.as_flattened().iter().zip(test.pixels.as_flattened());
     for (i, (&r, &t)) in values.enumerate() {
@@ -59,6 +65,8 @@ pub fn compare(reference: &Image, test: &Image) -> Result<Comparison> {
             // An infinite difference stays one, also where r is infinite or NaN.
             let scale = r * r + RELATIVE_EPSILON;
             relative += if difference.is_finite() { difference * difference / scale } else { f64::INFINITY };
+            let both = r.abs() + t.abs() + RELATIVE_EPSILON;
+            symmetric += if difference.is_finite() { difference / both } else { 1.0 };
         }
         if difference > maximum {
             (maximum, maximum_at) = (difference, i / 3);
@@ -70,38 +78,26 @@ pub fn compare(reference: &Image, test: &Image) -> Result<Comparison> {
         height: reference.height,
         rmse: mse.sqrt(),
         rel_mse: relative / count as f64,
+        smape: symmetric / count as f64,
         psnr: if mse == 0.0 { f64::INFINITY } else { -10.0 * libm::log10(mse) },
         maximum,
         maximum_at: (
             (maximum_at % reference.width as usize) as u32,
             (maximum_at / reference.width as usize) as u32,
         ),
-        flip: flip(reference, test)?,
+        flip: flip::ldr(reference, test)?,
+        hdr_flip: None,
+        z_test: None,
     })
 }
 
 /// |t − r|, in which what no subtraction can compare is either equal or infinitely far.
-fn distance(r: f64, t: f64) -> f64 {
+pub(super) fn distance(r: f64, t: f64) -> f64 {
     if r == t || (r.is_nan() && t.is_nan()) {
         return 0.0;
     }
     let difference = (t - r).abs();
     if difference.is_nan() { f64::INFINITY } else { difference }
-}
-
-fn flip(reference: &Image, test: &Image) -> Result<f64> {
-    let failed =
-        |error: flip_rs::FlipError| Error::Differs(format!("FLIP can't compare the images: {error}"));
-    let shown = |image: &Image| {
-        let values = image.pixels.as_flattened().iter().map(|&v| {
-            let linear = if v.is_nan() { 0.0 } else { f64::from(v).clamp(0.0, 1.0) };
-            srgb_from_linear(linear) as f32
-        });
-        RgbImage::new(image.width as usize, image.height as usize, values.collect()).map_err(failed)
-    };
-    let map = ldr_flip(&shown(reference)?, &shown(test)?, DEFAULT_PPD).map_err(failed)?;
-    // The crate's own mean is summed in f32, which loses digits in large images.
-    Ok(map.pixels().iter().map(|&v| f64::from(v)).sum::<f64>() / map.pixels().len() as f64)
 }
 
 impl fmt::Display for Comparison {
@@ -110,6 +106,7 @@ impl fmt::Display for Comparison {
         writeln!(f, "size      {} × {}", self.width, self.height)?;
         writeln!(f, "RMSE      {:.6e}", self.rmse)?;
         writeln!(f, "relMSE    {:.6e}", self.rel_mse)?;
+        writeln!(f, "SMAPE     {:.6e}", self.smape)?;
         if self.psnr == f64::INFINITY {
             writeln!(f, "PSNR      inf (equal)")?;
         } else {
@@ -120,13 +117,42 @@ impl fmt::Display for Comparison {
         } else {
             writeln!(f, "maximum   0")?;
         }
-        write!(f, "FLIP      {:.6}", self.flip)
+        write!(f, "FLIP      {:.6}", self.flip)?;
+        if let Some(hdr_flip) = self.hdr_flip {
+            write!(f, "\nHDR-FLIP  {hdr_flip:.6}")?;
+        }
+        let Some(test) = &self.z_test else { return Ok(()) };
+        for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
+            let (difference, error) = (test.difference[c], test.standard_error[c]);
+            write!(
+                f,
+                "\nmean {name}    {difference:+.6e} ± {error:.2e}, z {:+.3}, p {:.3e}",
+                test.z[c], test.p[c]
+            )?;
+        }
+        write!(f, "\nmeans     p {:.3e} for all channels", test.global_p)?;
+        let pixels = &test.pixels;
+        let level = 100.0 * PIXEL_LEVEL;
+        write!(f, "\npixels    {} beyond {level} % corrected for {} tests", pixels.rejected, pixels.tests)?;
+        if pixels.tests > 0 {
+            let at = pixels.smallest_p_at;
+            let (x, y) = (at % self.width as usize, at / self.width as usize);
+            write!(
+                f,
+                ", smallest p {:.3e} ({:.3e} corrected) at pixel ({x}, {y})",
+                pixels.smallest_p, pixels.corrected_p
+            )?;
+        }
+        if pixels.untested > 0 {
+            write!(f, "\nuntested  {} pixels that differ have no variance", pixels.untested)?;
+        }
+        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::transfer::linear_from_srgb;
+    use super::super::statistics::z_test;
     use super::*;
 
     fn grey(width: u32, height: u32, value: f32) -> Image {
@@ -144,6 +170,8 @@ mod tests {
         let mse: f64 = 0.3125 / 12.0;
         assert!((found.rmse - mse.sqrt()).abs() < 1e-15);
         assert!((found.rel_mse - mse / 0.26).abs() < 1e-15);
+        // |t − r| of 0.25 and 0.5, over sums of 1.25 and 0.5, each and 0.01.
+        assert!((found.smape - (0.25 / 1.26 + 0.5 / 0.51) / 12.0).abs() < 1e-15, "{}", found.smape);
         assert!((found.psnr - 15.843_312_2).abs() < 1e-6, "{}", found.psnr);
         assert_eq!((found.maximum, found.maximum_at), (0.5, (0, 1)));
         assert!(found.flip > 0.0 && found.flip < 1.0);
@@ -155,6 +183,7 @@ mod tests {
         image.pixels[3] = [f32::NAN, f32::INFINITY, -0.0];
         let found = compare(&image, &image).unwrap();
         assert_eq!((found.rmse, found.rel_mse, found.maximum, found.flip), (0.0, 0.0, 0.0, 0.0));
+        assert_eq!(found.smape, 0.0);
         assert_eq!(found.psnr, f64::INFINITY);
         assert!(found.to_string().contains("PSNR      inf"));
     }
@@ -170,6 +199,7 @@ mod tests {
                 assert_eq!((found.maximum, found.maximum_at), (f64::INFINITY, (1, 1)));
                 assert_eq!(found.psnr, f64::NEG_INFINITY);
                 assert!(found.flip.is_finite());
+                assert!((found.smape - 1.0 / 12.0).abs() < 1e-15);
             }
         }
     }
@@ -181,34 +211,35 @@ mod tests {
         assert!(compare(&Image::new(0, 0), &Image::new(0, 0)).is_err());
     }
 
-    /// The value is that of NVIDIA's own implementation (flip-evaluator 1.7, LDR, default settings).
-    #[test]
-    fn flip_agrees_with_the_original() {
-        let image = |byte: fn(u32, u32) -> [u32; 3]| {
-            let mut image = Image::new(32, 24);
-            for (i, pixel) in image.pixels.iter_mut().enumerate() {
-                let bytes = byte(i as u32 % 32, i as u32 / 32);
-                *pixel = bytes.map(|b| linear_from_srgb(f64::from(b % 256) / 255.0) as f32);
-            }
-            image
-        };
-        let reference = image(|x, y| [x * 8, y * 10, x * x + y * 3]);
-        let test = image(|x, y| [x * 8, y * 10 + (x * 7 + y * 5) % 13 * 4, x * x + y * 3]);
-        let found = compare(&reference, &test).unwrap();
-        assert!((found.flip - 0.425_260_8).abs() < 1e-5, "{}", found.flip);
-    }
-
     #[test]
     fn table_and_json_show_every_number() {
-        let found = compare(&grey(4, 2, 0.5), &grey(4, 2, 0.25)).unwrap();
+        let mut found = compare(&grey(4, 2, 0.5), &grey(4, 2, 0.25)).unwrap();
         let table = found.to_string();
         for line in
             ["4 × 2", "RMSE      2.500000e-1", "relMSE    2.4", "PSNR      12.041 dB", "(0, 0)", "FLIP"]
         {
             assert!(table.contains(line), "{line}\n{table}");
         }
+        assert!(!table.contains("HDR-FLIP") && !table.contains("p "), "{table}");
+        let (reference, test) = (grey(4, 2, 0.5), grey(4, 2, 0.25));
+        let variance = [[0.01, 0.01, 0.0]; 8];
+        found.hdr_flip = Some(0.125);
+        found.z_test = Some(z_test(&reference.pixels, &test.pixels, Some(&variance), None).unwrap());
+        let table = found.to_string();
+        for line in [
+            "SMAPE     3.289474e-1",
+            "HDR-FLIP  0.125",
+            "mean R    -2.500000e-1 ± 3.54e-2, z -7.071, p 1.5",
+            "mean B    -2.500000e-1 ± 0.00e0, z -inf, p 0.000e0",
+            "pixels    0 beyond 1 % corrected for 16 tests, smallest p 1.242e-2",
+            "untested  8 pixels that differ have no variance",
+        ] {
+            assert!(table.contains(line), "{line}\n{table}");
+        }
         let json = serde_json::to_value(found).unwrap();
         assert_eq!(json["rmse"], 0.25);
         assert_eq!(json["maximum_at"], serde_json::json!([0, 0]));
+        assert_eq!((&json["hdr_flip"], &json["z_test"]["pixels"]["tests"]), (&0.125.into(), &16.into()));
+        assert!(json["z_test"]["z"][2].is_null());
     }
 }

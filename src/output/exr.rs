@@ -1,15 +1,16 @@
-//! OpenEXR: f32 RGB out, lossless; any layer with R, G, B or Y in. Knows no path.
+//! OpenEXR: f32 RGB and named layers out, lossless; any part with R, G, B or Y in. Knows no path.
 
 use std::io::{self, Cursor, Seek, SeekFrom, Write};
 
 use ::exr::block::reader::Reader;
-use ::exr::image::{self, Blocks, Layer, SpecificChannels};
+use ::exr::image::{self, Blocks};
 use ::exr::meta::attribute::{AttributeValue, LineOrder, Text};
 use ::exr::meta::header::{Header, LayerAttributes};
 use ::exr::prelude::{Compression, ReadChannels, ReadLayers, ReadSpecificChannel, Vec2, WritableImage, read};
 
+use super::exr_layers::{self, AllChannelsOf};
 use super::format::{Broken, MAX_FILE_BYTES, WriteOptions, check_size, pixel_buffer};
-use crate::image::Image;
+use crate::image::{Image, Layer};
 
 /// Stands before every metadata key, so that none meets one of OpenEXR's own attributes.
 pub const KEY_PREFIX: &str = "heliostat:";
@@ -18,8 +19,13 @@ pub const KEY_PREFIX: &str = "heliostat:";
 const MAX_PIXELS_PER_BYTE: u64 = 1 << 16;
 
 /// Writes the exact values, row 0 on top, ZIP compressed in blocks of 16 lines. Metadata become UTF-8
-/// string attributes named `heliostat:KEY`.
-pub fn encode(image: &Image, options: &WriteOptions, writer: &mut (impl Write + Seek)) -> io::Result<()> {
+/// string attributes named `heliostat:KEY`. The layers are channels of the same part.
+pub fn encode(
+    image: &Image,
+    layers: &[Layer],
+    options: &WriteOptions,
+    writer: &mut (impl Write + Seek),
+) -> io::Result<()> {
     let (width, height) = (image.width as usize, image.height as usize);
     let mut attributes = LayerAttributes::default();
     for (key, text) in &options.metadata {
@@ -35,12 +41,9 @@ pub fn encode(image: &Image, options: &WriteOptions, writer: &mut (impl Write + 
         blocks: Blocks::ScanLines,
         line_order: LineOrder::Increasing,
     };
-    let channels = SpecificChannels::rgb(|at: Vec2<usize>| {
-        let [r, g, b] = image.pixels[at.y() * width + at.x()];
-        (r, g, b)
-    });
+    let channels = exr_layers::channels(image, layers)?;
     let mut bytes = Vec::new();
-    image::Image::from_layer(Layer::new((width, height), attributes, encoding, channels))
+    image::Image::from_layer(image::Layer::new((width, height), attributes, encoding, channels))
         .write()
         .non_parallel()
         .to_buffered(Cursor::new(&mut bytes))
@@ -78,19 +81,10 @@ fn utf8(text: &str) -> Text {
     Text::from_slice_unchecked(text.as_bytes())
 }
 
-/// Reads the data window of the first layer that has the channels R, G and B, or Y alone.
+/// Reads the data window of the first part that has the channels R, G and B, or Y alone.
 pub(super) fn decode(bytes: &[u8]) -> Result<Image, Broken> {
-    let reader = Reader::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
-    for header in reader.headers() {
-        check_header(header, bytes.len())?;
-    }
-    let has = |header: &Header, name: &str| header.channels.list.iter().any(|c| c.name.eq(name));
-    let rgb = |header: &Header| ["R", "G", "B"].iter().all(|name| has(header, name));
-    let Some(header) =
-        reader.headers().iter().find(|h| rgb(h)).or_else(|| reader.headers().iter().find(|h| has(h, "Y")))
-    else {
-        return Err(Broken("it has neither channels R, G, B nor Y".into()));
-    };
+    let (reader, which) = open(bytes)?;
+    let header = &reader.headers()[which];
 
     // The crate fills what `create` returns; that can't fail, so the memory is asked for here.
     let (width, height) = (header.layer_size.x(), header.layer_size.y());
@@ -98,7 +92,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Image, Broken> {
     let create = |size: Vec2<usize>| Image::new(size.x() as u32, size.y() as u32);
     let index = |image: &Image, at: Vec2<usize>| at.y() * image.width as usize + at.x();
     let builder = read().no_deep_data().largest_resolution_level().specific_channels();
-    if rgb(header) {
+    if has_rgb(header) {
         builder
             .required("R")
             .required("G")
@@ -134,6 +128,54 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Image, Broken> {
     .map_err(broken)
 }
 
+/// Reads the same image, and its part's channels whose names have a dot as layers.
+pub(super) fn decode_layers(bytes: &[u8]) -> Result<(Image, Vec<Layer>), Broken> {
+    let image = decode(bytes)?;
+    let (reader, which) = open(bytes)?;
+    let header = &reader.headers()[which];
+    // As much twice: as the file has it, and as layers. The crate doesn't ask whether there is any.
+    let unpacked = image.pixels.len() * header.channels.bytes_per_pixel;
+    if Vec::<u8>::new().try_reserve_exact(2 * unpacked).is_err() {
+        return Err(Broken(format!("its layers of {unpacked} bytes don't fit into memory")));
+    }
+    let wanted = if has_rgb(header) { has_rgb } else { has_y };
+    let all = read().no_deep_data().largest_resolution_level().all_channels();
+    AllChannelsOf { wanted, channels: all }
+        .first_valid_layer()
+        .all_attributes()
+        .non_parallel()
+        .from_chunks(reader)
+        .map(|part| (image, exr_layers::grouped(part.layer_data.channel_data)))
+        .map_err(broken)
+}
+
+type Opened<'a> = Reader<Cursor<&'a [u8]>>;
+
+/// Reads the headers, and finds the one whose part holds the image.
+fn open(bytes: &[u8]) -> Result<(Opened<'_>, usize), Broken> {
+    let reader = Reader::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
+    for header in reader.headers() {
+        check_header(header, bytes.len())?;
+    }
+    let find = |wanted: fn(&Header) -> bool| reader.headers().iter().position(wanted);
+    let Some(which) = find(has_rgb).or_else(|| find(has_y)) else {
+        return Err(Broken("it has neither channels R, G, B nor Y".into()));
+    };
+    Ok((reader, which))
+}
+
+fn has_rgb(header: &Header) -> bool {
+    ["R", "G", "B"].iter().all(|name| has(header, name))
+}
+
+fn has_y(header: &Header) -> bool {
+    has(header, "Y")
+}
+
+fn has(header: &Header, name: &str) -> bool {
+    header.channels.list.iter().any(|channel| channel.name.eq(name))
+}
+
 /// Refuses what the crate would take on trust: sizes that the file can't fill, channels of other sizes
 /// than the image's, and the compressions whose decoders panic or allocate without bound on damaged
 /// data (all of them lossy).
@@ -165,12 +207,13 @@ fn broken(error: ::exr::error::Error) -> Broken {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ::exr::image::SpecificChannels;
     use ::exr::meta::MetaData;
 
     fn encoded(image: &Image, metadata: &[(&str, &str)]) -> Vec<u8> {
         let metadata = metadata.iter().map(|(k, v)| (k.to_string(), v.to_string())).collect();
         let mut bytes = Cursor::new(Vec::new());
-        encode(image, &WriteOptions { metadata, ..WriteOptions::default() }, &mut bytes).unwrap();
+        encode(image, &[], &WriteOptions { metadata, ..WriteOptions::default() }, &mut bytes).unwrap();
         bytes.into_inner()
     }
 
@@ -207,7 +250,10 @@ mod tests {
         for key in ["", "a\0b", &"k".repeat(250)] {
             let options =
                 WriteOptions { metadata: vec![(key.to_string(), "v".into())], ..WriteOptions::default() };
-            assert!(encode(&Image::new(1, 1), &options, &mut Cursor::new(Vec::new())).is_err(), "{key:?}");
+            assert!(
+                encode(&Image::new(1, 1), &[], &options, &mut Cursor::new(Vec::new())).is_err(),
+                "{key:?}"
+            );
         }
     }
 
@@ -217,7 +263,7 @@ mod tests {
         for (compression, readable) in [(Compression::PIZ, true), (Compression::B44, false)] {
             let encoding = image::Encoding { compression, ..image::Encoding::SMALL_LOSSLESS };
             let layer =
-                Layer::new((9, 5), LayerAttributes::default(), encoding, SpecificChannels::rgb(image));
+                image::Layer::new((9, 5), LayerAttributes::default(), encoding, SpecificChannels::rgb(image));
             let mut bytes = Cursor::new(Vec::new());
             image::Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes).unwrap();
             match decode(&bytes.into_inner()) {

@@ -1,6 +1,20 @@
 //! What an image file says of its making: the settings that define it, nothing of how or where it was run.
 
+use crate::render::estimate::ErrorReached;
 use crate::settings::ImageSettings;
+
+/// The estimated error of an image, as it is stored in it.
+pub fn describe_error(error: &ErrorReached) -> Vec<(String, String)> {
+    [
+        ("error_rmse", error.rmse),
+        ("error_rmse_at_most", error.rmse_at_most),
+        ("error_relmse", error.rel_mse),
+        ("error_relmse_at_most", error.rel_mse_at_most),
+        ("mean_spp", error.spp),
+    ]
+    .map(|(key, value)| (key.to_owned(), format!("{value:e}")))
+    .into()
+}
 
 /// Key and value of each image-defining setting, and the program's version.
 pub fn describe(image: &ImageSettings) -> Vec<(String, String)> {
@@ -24,5 +38,11 @@ pub fn describe(image: &ImageSettings) -> Vec<(String, String)> {
         ("show", name(&image.show)),
     ]
     .map(|(key, value)| (key.to_owned(), value))
-    .into()
+    .into_iter()
+    .chain(
+        image.error_target.map(|target| {
+            ("error_target".to_owned(), format!("{} {:e}", name(&target.metric), target.value))
+        }),
+    )
+    .collect()
 }

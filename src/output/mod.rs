@@ -5,14 +5,18 @@
 
 pub mod compare;
 pub mod exr;
+mod exr_layers;
 pub mod file;
+pub mod flip;
 mod format;
+pub mod heat_map;
 pub mod metadata;
 pub mod pfm;
 pub mod plot;
 pub mod png;
 pub mod progress;
 pub mod read;
+pub mod statistics;
 pub mod stats;
 pub mod timeline;
 pub mod transfer;

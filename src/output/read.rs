@@ -8,29 +8,65 @@ use std::path::Path;
 use super::format::{Broken, MAX_FILE_BYTES};
 use super::{exr, pfm, png};
 use crate::error::{self, Error};
-use crate::image::Image;
+use crate::image::{Image, Layer};
+
+/// What an image file holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageFile {
+    pub image: Image,
+    /// Of EXR alone, in alphabetical order: the channels with a dot in the name beside R, G and B.
+    pub layers: Vec<Layer>,
+    /// Whether its values are scene-linear and not cut off at 1: EXR and PFM.
+    pub is_hdr: bool,
+}
+
+impl ImageFile {
+    /// The variance of every pixel's mean, where the file has it.
+    pub fn variance(&self) -> Option<&[[f32; 3]]> {
+        self.layers.iter().find(|layer| layer.name == Layer::VARIANCE)?.triples()
+    }
+}
 
 /// Reads an image file to linear RGB. Its first bytes say what it is, not its name.
 pub fn read(path: &Path) -> error::Result<Image> {
+    read_as(path, decode)
+}
+
+/// Reads an image file as [`read`] does, with its layers.
+pub fn read_layers(path: &Path) -> error::Result<ImageFile> {
+    read_as(path, |bytes| {
+        if bytes.starts_with(EXR) {
+            let (image, layers) = exr::decode_layers(bytes)?;
+            return Ok(ImageFile { image, layers, is_hdr: true });
+        }
+        let is_hdr = bytes.starts_with(b"P");
+        decode(bytes).map(|image| ImageFile { image, layers: Vec::new(), is_hdr })
+    })
+}
+
+fn read_as<T>(path: &Path, decode: impl FnOnce(&[u8]) -> Result<T, Broken>) -> error::Result<T> {
     let mut bytes = Vec::new();
     // No fixed length is asked for: a pipe has none.
     let file = File::open(path).map_err(|source| Error::read(path, source))?;
     let length =
         file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|source| Error::read(path, source))?;
-    let image = if length as u64 > MAX_FILE_BYTES {
+    let decoded = if length as u64 > MAX_FILE_BYTES {
         Err(Broken(format!("it is longer than {} GiB", MAX_FILE_BYTES >> 30)))
     } else {
         decode(&bytes)
     };
-    image.map_err(|Broken(what)| Error::scene(path, None, what, "give a sound PNG, EXR or PFM file"))
+    decoded.map_err(|Broken(what)| Error::scene(path, None, what, "give a sound PNG, EXR or PFM file"))
 }
+
+/// An EXR file's first bytes.
+const EXR: &[u8] = &[0x76, 0x2f, 0x31, 0x01];
 
 /// Decodes a whole file.
 pub(super) fn decode(bytes: &[u8]) -> Result<Image, Broken> {
     match bytes {
         [] => Err(Broken("it is empty".into())),
         [0x89, b'P', b'N', b'G', ..] => png::decode(bytes),
-        [0x76, 0x2f, 0x31, 0x01, ..] => exr::decode(bytes),
+        _ if bytes.starts_with(EXR) => exr::decode(bytes),
         [b'P', b'F' | b'f', ..] => pfm::decode(bytes),
         _ => Err(Broken("it is no PNG, EXR or PFM file".into())),
     }

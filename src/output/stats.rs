@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::file;
 use crate::cluster::exchange::ExchangeStats;
 use crate::error::Result;
+use crate::render::estimate::ErrorReached;
 
 /// Wall seconds of one rank's phases.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -115,6 +116,8 @@ pub struct Stats {
     pub width: u32,
     pub height: u32,
     pub spp: u32,
+    /// Where variances were asked for.
+    pub error: Option<ErrorReached>,
     pub totals: Totals,
     pub ranks: Vec<RankStats>,
 }
@@ -140,7 +143,7 @@ impl Stats {
             mrays_per_second: ratio(rays.sum() as f64 / 1e6, trace_seconds, 0.0),
             imbalance: ratio(trace_seconds, mean, 1.0),
         };
-        Stats { width, height, spp, totals, ranks }
+        Stats { width, height, spp, error: None, totals, ranks }
     }
 
     /// Writes indented JSON, whole or not at all.
@@ -164,6 +167,13 @@ impl fmt::Display for Stats {
             "rays: {} camera, {} reflection, {} refraction, {} shadow, {} prepass",
             rays.camera, rays.reflection, rays.refraction, rays.shadow, rays.prepass
         )?;
+        if let Some(error) = &self.error {
+            writeln!(
+                f,
+                "error after {:.1} spp: RMSE {:.3e} (95 %: below {:.3e}), relMSE {:.3e} (below {:.3e})",
+                error.spp, error.rmse, error.rmse_at_most, error.rel_mse, error.rel_mse_at_most
+            )?;
+        }
         write!(
             f,
             "{}, {}, {}, {bytes_sent} bytes sent, imbalance {:.3}",

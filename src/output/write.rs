@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 pub use super::format::WriteOptions;
 use super::{exr, file, pfm, png};
 use crate::error::{Error, Result};
-use crate::image::Image;
+use crate::image::{Image, Layer};
 
 /// The image formats that can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,6 +53,23 @@ impl Target {
         Ok(Target::File { path, format })
     }
 
+    /// Whether an image can be written there together with its layers: only as EXR.
+    pub fn can_hold_layers(&self) -> bool {
+        matches!(self, Target::File { format: Format::Exr, .. })
+    }
+
+    /// Fails now if [`write_with_layers`] would fail for having layers.
+    pub fn check_layers(&self) -> Result<()> {
+        if self.can_hold_layers() {
+            return Ok(());
+        }
+        let what = match self {
+            Target::File { path, .. } => format!("{} can't hold layers", path.display()),
+            Target::Stdout => "the PNG to standard output can't hold layers".into(),
+        };
+        Err(Error::usage("--aov", what, "use an --output that ends in .exr"))
+    }
+
     /// Fails now if writing would fail after the render.
     pub fn check_writable(&self) -> Result<()> {
         match self {
@@ -79,10 +96,27 @@ impl fmt::Display for Target {
 /// Writes `image` to `target`, a file whole or not at all. The same image and options always give the
 /// same bytes.
 pub fn write(image: &Image, target: &Target, options: &WriteOptions) -> Result<()> {
+    write_with_layers(image, &[], target, options)
+}
+
+/// Writes `image` and its `layers` as [`write()`] does.
+///
+/// # Errors
+/// Layers where the format can't hold them: see [`Target::check_layers`].
+pub fn write_with_layers(
+    image: &Image,
+    layers: &[Layer],
+    target: &Target,
+    options: &WriteOptions,
+) -> Result<()> {
+    if !layers.is_empty() {
+        target.check_layers()?;
+    }
     match target {
         Target::File { path, format } => {
             // Encoded before the file is made: what can't be encoded costs no write.
-            let bytes = encode(image, *format, options).map_err(|source| refused(path, source))?;
+            let bytes = encode_with_layers(image, layers, *format, options)
+                .map_err(|source| refused(path, source))?;
             file::write_whole(path, |writer| writer.write_all(&bytes))
         }
         Target::Stdout => {
@@ -99,21 +133,35 @@ pub fn write(image: &Image, target: &Target, options: &WriteOptions) -> Result<(
 }
 
 fn refused(path: &Path, source: io::Error) -> Error {
-    Error::Write { path: path.into(), source, mend: "change the image's size or metadata".into() }
+    Error::Write { path: path.into(), source, mend: "change the image's size, layers or metadata".into() }
 }
 
 /// The bytes of a file.
 pub fn encode(image: &Image, format: Format, options: &WriteOptions) -> io::Result<Vec<u8>> {
+    encode_with_layers(image, &[], format, options)
+}
+
+/// The bytes of a file that holds layers, too.
+pub fn encode_with_layers(
+    image: &Image,
+    layers: &[Layer],
+    format: Format,
+    options: &WriteOptions,
+) -> io::Result<Vec<u8>> {
     let pixels = u64::from(image.width) * u64::from(image.height);
     if pixels == 0 || image.pixels.len() as u64 != pixels {
         let what =
             format!("{} pixels are no image of {} × {}", image.pixels.len(), image.width, image.height);
         return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
     }
+    if !layers.is_empty() && format != Format::Exr {
+        let what = format!("{format:?} holds no layers");
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+    }
     let mut bytes = Cursor::new(Vec::new());
     match format {
         Format::Png => png::encode(image, options, &mut bytes)?,
-        Format::Exr => exr::encode(image, options, &mut bytes)?,
+        Format::Exr => exr::encode(image, layers, options, &mut bytes)?,
         Format::Pfm => pfm::encode(image, &mut bytes)?,
     }
     Ok(bytes.into_inner())
@@ -121,7 +169,7 @@ pub fn encode(image: &Image, format: Format, options: &WriteOptions) -> io::Resu
 
 #[cfg(test)]
 mod tests {
-    use super::super::read::read;
+    use super::super::read::{read, read_layers};
     use super::*;
     use crate::settings::Encoding;
 
@@ -183,6 +231,29 @@ mod tests {
             }
         }
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 3);
+    }
+
+    #[test]
+    fn layers_go_into_exr_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let layers = [Layer::depth(vec![2.5; 209])];
+        for name in ["a.png", "a.exr", "a.pfm", "-"] {
+            let path = folder.path().join(name);
+            let target = Target::parse(if name == "-" { name } else { path.to_str().unwrap() }).unwrap();
+            let written = write_with_layers(&picture(), &layers, &target, &WriteOptions::default());
+            assert_eq!(target.can_hold_layers(), name == "a.exr");
+            assert_eq!(path.exists(), name == "a.exr");
+            if name == "a.exr" {
+                written.unwrap();
+                let found = read_layers(&path).unwrap();
+                assert_eq!((found.image, found.layers, found.is_hdr), (picture(), layers.to_vec(), true));
+            } else {
+                let error = written.unwrap_err();
+                let message = error.to_string();
+                assert!(message.starts_with("--aov: ") && message.contains("ends in .exr"), "{message}");
+                assert_eq!(error.exit_code(), crate::error::EXIT_USAGE);
+            }
+        }
     }
 
     #[test]

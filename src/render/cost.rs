@@ -5,6 +5,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::film::TileFilm;
+use super::rounds::Round;
 use super::tile::{Tile, Tiling};
 use super::{RayCounts, Renderer};
 use crate::geometry::Ray;
@@ -61,7 +62,7 @@ impl Renderer<'_> {
     /// Traces one sample of a tile of one pixel; its time in seconds.
     fn look(&self, pixel: Tile) -> (f32, RayCounts) {
         let begin = Instant::now();
-        let mut film = TileFilm::new(pixel, self.settings.width, self.planes());
+        let mut film = TileFilm::new(pixel, self.settings.width, self.planes(&Round::all(1)));
         let index = pixel.y0 * self.settings.width + pixel.x0;
         let counts = self.trace_to_end(std::iter::once(self.camera_ray(index, 0)), &mut film);
         (begin.elapsed().as_secs_f32(), counts)

@@ -11,7 +11,6 @@ use bytemuck::{Pod, Zeroable};
 use super::tile::Tile;
 use crate::error::{Error, Result};
 use crate::geometry::record::RayRecord;
-use crate::image::Image;
 use crate::scene::Color;
 use crate::settings::Crop;
 
@@ -37,14 +36,15 @@ impl Cell {
         }
     }
 
-    fn merge(&mut self, other: &Cell) {
+    pub fn merge(&mut self, other: &Cell) {
         for (sum, value) in self.sum.iter_mut().zip(other.sum) {
             *sum = sum.saturating_add(value);
         }
         self.count += other.count;
     }
 
-    fn mean(&self) -> Option<Color> {
+    /// Radiance; `None` without samples.
+    pub fn mean(&self) -> Option<Color> {
         (self.count > 0).then(|| self.sum.map(|sum| sum as f64 / ONE / self.count as f64))
     }
 }
@@ -156,6 +156,11 @@ impl Film {
         Film { crop, planes, cells: vec![Cell::default(); pixels * planes] }
     }
 
+    /// `cells[(y * width + x) * planes + plane]`.
+    pub fn into_cells(self) -> Vec<Cell> {
+        self.cells
+    }
+
     /// All cells as bytes, to be added to another rank's film.
     pub fn as_bytes(&self) -> &[u8] {
         bytemuck::cast_slice(&self.cells)
@@ -199,27 +204,6 @@ impl Film {
         }
         Ok(())
     }
-
-    /// The image: mean radiance of each pixel, blended with `floor` as (1 - floor) * radiance + floor.
-    ///
-    /// `negative_mass` is that of the filter (see `FilterTable::negative_mass`): with positive samples P and
-    /// negative ones N a pixel is (1 + m) mean(P) - m mean(N), so that a constant stays the same constant.
-    pub fn resolve(&self, negative_mass: f64, floor: f64) -> Image {
-        let pixel = |cells: &[Cell]| {
-            let positive = cells[0].mean();
-            let negative = cells.get(1).and_then(Cell::mean);
-            let radiance = match (positive, negative) {
-                (Some(p), Some(n)) => {
-                    std::array::from_fn(|k| (1.0 + negative_mass) * p[k] - negative_mass * n[k])
-                }
-                (Some(only), None) | (None, Some(only)) => only,
-                (None, None) => [0.0; 3],
-            };
-            radiance.map(|c| ((1.0 - floor) * c + floor) as f32)
-        };
-        let pixels = self.cells.chunks_exact(self.planes).map(pixel).collect();
-        Image { width: self.crop.width(), height: self.crop.height(), pixels }
-    }
 }
 
 fn foreign(what: String) -> Error {
@@ -228,9 +212,18 @@ fn foreign(what: String) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use super::super::estimate::Estimate;
+    use super::super::rounds::Round;
     use super::*;
+    use crate::image::Image;
     use glam::DVec3;
     use proptest::prelude::*;
+
+    fn resolve(film: &Film, negative_mass: f64, floor: f64) -> Image {
+        let mut estimate = Estimate::new(film.crop, film.planes, negative_mass, false);
+        estimate.absorb(film.clone(), &Round::all(1));
+        estimate.resolve(film.crop, floor).0
+    }
 
     #[test]
     fn deposits_are_rounded_clamped_and_never_negative() {
@@ -271,11 +264,11 @@ mod tests {
         part.count(&record);
         part.deposit(&record, [0.25, 0.5, 1.0]);
         film.merge(tile, part.as_bytes()).unwrap();
-        let image = film.resolve(0.0, 0.0);
+        let image = resolve(&film, 0.0, 0.0);
         assert_eq!((image.width, image.height), (4, 3));
         assert_eq!(image.pixels[2 * 4 + 3], [0.25, 0.5, 1.0]);
         assert_eq!(image.pixels.iter().filter(|p| **p != [0.0; 3]).count(), 1);
-        assert_eq!(film.resolve(0.0, 0.5).pixels[0], [0.5; 3]);
+        assert_eq!(resolve(&film, 0.0, 0.5).pixels[0], [0.5; 3]);
         assert!(film.merge(tile, &[0; 7]).is_err());
     }
 
@@ -290,7 +283,7 @@ mod tests {
         other.deposit(&record, [0.25, -1.0, f64::INFINITY]);
         let mut film = one.into_film();
         film.add(other.into_film().as_bytes()).unwrap();
-        let image = film.resolve(0.0, 0.0);
+        let image = resolve(&film, 0.0, 0.0);
         assert_eq!(image.pixels[2 * 4 + 3], [0.5, 0.5, 4_294_967_296.0]);
         assert_eq!(image.pixels.iter().filter(|p| **p != [0.0; 3]).count(), 1);
         assert!(film.add(&[0; 32]).is_err());
@@ -307,7 +300,7 @@ mod tests {
             part.deposit(&record(plane), [0.7; 3]);
         }
         film.merge(tile, part.as_bytes()).unwrap();
-        let value = film.resolve(0.2, 0.0).pixels[0][0];
+        let value = resolve(&film, 0.2, 0.0).pixels[0][0];
         assert!((value - 0.7).abs() < 1e-7, "{value}");
     }
 }

@@ -1,9 +1,11 @@
 //! One rank's work: tiles of camera rays traced to their end, and the film that they deposit in.
 
 pub mod cost;
+pub mod estimate;
 pub mod film;
 pub mod filter;
 pub mod relay;
+pub mod rounds;
 pub mod streams;
 pub mod tile;
 
@@ -11,6 +13,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::accel::Accel;
 use crate::geometry::record::{Answer, RayRecord};
+use crate::render::rounds::{Activity, Round};
 use crate::scene::{Color, Scene};
 use crate::settings::ImageSettings;
 use crate::transport::{Sink, Transport};
@@ -66,9 +69,9 @@ impl<'a> Renderer<'a> {
         Renderer { scene, accel, settings, transport, filter }
     }
 
-    /// Planes of each pixel of the film.
-    pub fn planes(&self) -> usize {
-        self.filter.planes()
+    /// Planes of each pixel of a round's film: the filter's for each batch.
+    pub fn planes(&self, round: &Round) -> usize {
+        self.filter.planes() * round.batches as usize
     }
 
     /// See `Film::resolve`.
@@ -76,12 +79,14 @@ impl<'a> Renderer<'a> {
         self.filter.negative_mass()
     }
 
-    /// Renders all samples of one tile. Pure: the same deposits on any rank and thread.
-    pub fn tile(&self, tile: Tile) -> (TileFilm, RayCounts) {
-        let mut film = TileFilm::new(tile, self.settings.width, self.planes());
+    /// Renders a round's samples of one tile. Pure: the same deposits on any rank and thread.
+    pub fn tile(&self, tile: Tile, round: &Round, activity: &Activity) -> (TileFilm, RayCounts) {
+        let mut film = TileFilm::new(tile, self.settings.width, self.planes(round));
+        let samples = || round.first..round.first + round.count;
         let rays = tile
             .pixels(self.settings.width)
-            .flat_map(|pixel| (0..self.settings.spp).map(move |sample| self.camera_ray(pixel, sample)));
+            .filter(|&pixel| activity.holds(pixel))
+            .flat_map(|pixel| samples().map(move |sample| self.sample_of(round, pixel, sample)));
         let counts = self.trace_to_end(rays, &mut film);
         (film, counts)
     }
@@ -108,6 +113,13 @@ impl<'a> Renderer<'a> {
                 self.transport.advance(record, answer, &mut Split { waiting: &mut waiting, film });
             }
         }
+    }
+
+    /// The ray of one of a round's samples, which deposits where its batch does.
+    fn sample_of(&self, round: &Round, pixel: u32, sample: u32) -> RayRecord {
+        let mut record = self.camera_ray(pixel, sample);
+        record.plane += self.filter.planes() as u8 * round.batch(sample) as u8;
+        record
     }
 
     /// The ray of one sample of a pixel (y * width + x). A single sample goes through the pixel's centre.

@@ -10,6 +10,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::film::{Film, SharedFilm};
 use super::filter::FilterTable;
+use super::rounds::{self, Round};
 use super::streams::Streams;
 use super::{BATCH, RayCounts, RayTally, Renderer};
 use crate::accel::Accel;
@@ -100,6 +101,7 @@ pub struct Relay<'a> {
     ranks: usize,
     settings: &'a ImageSettings,
     filter: FilterTable,
+    round: Round,
     film: SharedFilm,
     pub tally: RayTally,
     scratch: Mutex<Vec<Scratch>>,
@@ -112,10 +114,13 @@ impl<'a> Relay<'a> {
         rank: usize,
         ranks: usize,
         settings: &'a ImageSettings,
+        round: Round,
     ) -> Self {
         let filter = FilterTable::new(settings.filter);
-        let film = SharedFilm::new(settings.crop, settings.width, filter.planes());
+        let planes = filter.planes() * round.batches as usize;
+        let film = SharedFilm::new(rounds::area(settings), settings.width, planes);
         Relay {
+            round,
             holding,
             route,
             rank,
@@ -144,7 +149,7 @@ impl<'a> Relay<'a> {
     pub fn begin(&self, pixels: impl Iterator<Item = u32>, sample: u32, exit: &mut dyn Exit) {
         let mut leg = Leg::new(self, &[], exit);
         for pixel in pixels {
-            let record = leg.renderer.camera_ray(pixel, sample);
+            let record = leg.renderer.sample_of(&self.round, pixel, sample);
             self.film.count(&record);
             leg.push(record);
         }

@@ -42,7 +42,7 @@ pub fn render_as(comm: &dyn Comm, mut work: Work, threads: usize) -> Option<Imag
     let progress = ProgressKind::None.start();
     let crew = Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
     job::distribute(&crew, &mut work).unwrap();
-    job::render(&crew, &mut work, &mut RankStats::default()).unwrap()
+    job::render(&crew, &mut work, &mut RankStats::default()).unwrap().map(|rendered| rendered.image)
 }
 
 /// Every scene of the repository, in order of name.

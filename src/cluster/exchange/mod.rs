@@ -149,6 +149,21 @@ pub struct ExchangeStats {
     pub elapsed: Duration,
 }
 
+impl std::ops::AddAssign for ExchangeStats {
+    fn add_assign(&mut self, other: Self) {
+        self.units += other.units;
+        self.waves += other.waves;
+        self.sent += other.sent;
+        self.sent_bytes += other.sent_bytes;
+        self.batches += other.batches;
+        self.spilled += other.spilled;
+        self.peak_bytes = self.peak_bytes.max(other.peak_bytes);
+        self.busy += other.busy;
+        self.idle += other.idle;
+        self.elapsed += other.elapsed;
+    }
+}
+
 /// Collective: begins this rank's `units` and works on records until no rank has any.
 ///
 /// `tick` gets the units begun, on every rank, now and then.

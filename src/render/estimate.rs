@@ -1,0 +1,315 @@
+//! What a film knows of itself: means of pixels, the variances of these, and so how far the image is from its limit.
+//!
+//! Variances come from the means of batches: for n samples in B batches of n_b samples and means m_b the variance of one sample is estimated as Σ n_b (m_b − m)² / (B − 1), that
+//! of the mean m as its n-th part. It holds for independent batches; of samples that are spread evenly it says too much, not too little.
+
+use serde::Serialize;
+
+use super::film::{Cell, Film};
+use super::rounds::{Activity, BLOCK, Round};
+use crate::image::Image;
+use crate::settings::{Crop, ErrorMetric, ErrorTarget, ImageSettings};
+
+/// The film of all rounds so far.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    area: Crop,
+    /// Of the filter: 1 or 2.
+    planes: usize,
+    /// See `FilterTable::negative_mass`.
+    negative_mass: f64,
+    /// `cells[pixel * planes + plane]`.
+    cells: Vec<Cell>,
+    /// Of each cell Σ n_b m_b² and the number of batches; empty where nobody asks for variances.
+    squares: Vec<([f64; 3], u32)>,
+}
+
+/// How far an image is from what it would be with infinitely many samples, as its own samples tell.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ErrorReached {
+    /// √ mean (t − r)² over pixels and channels, as `compare` says it.
+    pub rmse: f64,
+    /// What the RMSE is below of with 95 % confidence.
+    pub rmse_at_most: f64,
+    /// mean (t − r)² / (r² + ε), as `compare` says it.
+    pub rel_mse: f64,
+    pub rel_mse_at_most: f64,
+    /// Mean number of samples of a pixel.
+    pub spp: f64,
+}
+
+/// The quantile of 95 % of a normal distribution.
+const QUANTILE: f64 = 1.645;
+/// `output::compare`'s.
+const RELATIVE_EPSILON: f64 = 1e-2;
+
+/// A pixel's mean and the variance of that.
+#[derive(Clone, Copy, Debug)]
+struct Pixel {
+    mean: [f64; 3],
+    variance: [f64; 3],
+    samples: u64,
+}
+
+impl Estimate {
+    pub fn new(area: Crop, planes: usize, negative_mass: f64, variances: bool) -> Self {
+        let cells = area.width() as usize * area.height() as usize * planes;
+        let squares = if variances { vec![Default::default(); cells] } else { Vec::new() };
+        Estimate { area, planes, negative_mass, cells: vec![Cell::default(); cells], squares }
+    }
+
+    /// Takes in the film of a round, which has `round.batches` times the filter's planes.
+    pub fn absorb(&mut self, film: Film, round: &Round) {
+        if round.batches == 1 && self.squares.is_empty() && round.first == 0 {
+            self.cells = film.into_cells();
+            return;
+        }
+        let planes = self.planes;
+        let batches = round.batches as usize;
+        for (pixel, parts) in film.into_cells().chunks_exact(planes * batches).enumerate() {
+            for plane in 0..planes {
+                let index = pixel * planes + plane;
+                for part in parts.iter().skip(plane).step_by(planes).filter(|part| part.count > 0) {
+                    self.cells[index].merge(part);
+                    if let Some((squares, count)) = self.squares.get_mut(index) {
+                        let mean = part.mean().unwrap_or_default();
+                        for k in 0..3 {
+                            squares[k] += part.count as f64 * (mean[k] * mean[k]);
+                        }
+                        *count += 1;
+                    }
+                }
+            }
+        }
+    }
+
+    fn pixel(&self, pixel: usize) -> Pixel {
+        let mut found = Pixel { mean: [0.0; 3], variance: [0.0; 3], samples: 0 };
+        let both = self.planes == 2 && (0..2).all(|plane| self.cells[pixel * 2 + plane].count > 0);
+        for plane in 0..self.planes {
+            let index = pixel * self.planes + plane;
+            let cell = &self.cells[index];
+            let Some(mean) = cell.mean() else { continue };
+            let factor = match plane {
+                _ if !both => 1.0,
+                0 => 1.0 + self.negative_mass,
+                _ => -self.negative_mass,
+            };
+            found.samples += cell.count;
+            for k in 0..3 {
+                found.mean[k] += factor * mean[k];
+                if let Some(&(squares, batches)) = self.squares.get(index)
+                    && batches > 1
+                {
+                    let n = cell.count as f64;
+                    let spread = (squares[k] - n * (mean[k] * mean[k])).max(0.0);
+                    found.variance[k] += factor * factor * spread / (f64::from(batches - 1) * n);
+                }
+            }
+        }
+        found
+    }
+
+    /// The asked-for part of the image: mean radiance of each pixel, blended with `floor` as (1 - floor) * radiance + floor; and, if they are known, the variances of these means.
+    pub fn resolve(&self, crop: Crop, floor: f64) -> (Image, Option<Vec<[f32; 3]>>) {
+        let mut image = Image::new(crop.width(), crop.height());
+        let mut variances = (!self.squares.is_empty()).then(|| image.pixels.clone());
+        let pixels = (crop.y0..crop.y1).flat_map(|y| (crop.x0..crop.x1).map(move |x| (x, y)));
+        for (place, (x, y)) in pixels.enumerate() {
+            let pixel = self.pixel(self.place(x, y));
+            image.pixels[place] = pixel.mean.map(|c| ((1.0 - floor) * c + floor) as f32);
+            if let Some(variances) = &mut variances {
+                variances[place] = pixel.variance.map(|v| ((1.0 - floor) * (1.0 - floor) * v) as f32);
+            }
+        }
+        (image, variances)
+    }
+
+    fn place(&self, x: u32, y: u32) -> usize {
+        (y - self.area.y0) as usize * self.area.width() as usize + (x - self.area.x0) as usize
+    }
+
+    /// The blocks whose error isn't yet what it shall be.
+    pub fn wanting(&self, settings: &ImageSettings, target: ErrorTarget, before: &Activity) -> Activity {
+        let Crop { x0, y0, x1, y1 } = self.area;
+        let goal = match target.metric {
+            ErrorMetric::Relmse => target.value,
+            ErrorMetric::Rmse | ErrorMetric::Display => target.value * target.value,
+        };
+        let rows = y0 / BLOCK..y1.div_ceil(BLOCK);
+        let blocks = rows.flat_map(|row| (x0 / BLOCK..x1.div_ceil(BLOCK)).map(move |column| (column, row)));
+        let wanting = blocks.filter(|&(column, row)| {
+            let (left, top) = (column * BLOCK, row * BLOCK);
+            if !before.holds(top * settings.width + left) {
+                return false;
+            }
+            let (mut sum, mut count) = (0.0, 0.0);
+            for y in top..(top + BLOCK).min(y1) {
+                for x in left..(left + BLOCK).min(x1) {
+                    let Pixel { mean, variance, .. } = self.pixel(self.place(x, y));
+                    for k in 0..3 {
+                        sum += weight(target.metric, mean[k]) * variance[k];
+                        count += 1.0;
+                    }
+                }
+            }
+            sum > goal * count
+        });
+        Activity::of(settings, wanting)
+    }
+
+    /// What the samples say of the error of the asked-for part; `None` where variances aren't known.
+    pub fn error(&self, crop: Crop) -> Option<ErrorReached> {
+        if self.squares.is_empty() {
+            return None;
+        }
+        let (mut samples, mut pixels) = (0.0, 0.0);
+        let mut sums = [Moments::default(); 2];
+        for y in crop.y0..crop.y1 {
+            for x in crop.x0..crop.x1 {
+                let Pixel { mean, variance, samples: taken } = self.pixel(self.place(x, y));
+                samples += taken as f64;
+                pixels += 1.0;
+                for (sums, metric) in sums.iter_mut().zip([ErrorMetric::Rmse, ErrorMetric::Relmse]) {
+                    let weighted: [f64; 3] = std::array::from_fn(|k| weight(metric, mean[k]) * variance[k]);
+                    sums.add((weighted[0] + weighted[1] + weighted[2]) / 3.0);
+                }
+            }
+        }
+        let [(mse, most), (rel_mse, rel_most)] = sums.map(|sums| sums.estimate());
+        Some(ErrorReached {
+            rmse: mse.sqrt(),
+            rmse_at_most: most.sqrt(),
+            rel_mse,
+            rel_mse_at_most: rel_most,
+            spp: samples / pixels,
+        })
+    }
+}
+
+/// By what a variance at a mean counts.
+fn weight(metric: ErrorMetric, mean: f64) -> f64 {
+    match metric {
+        ErrorMetric::Rmse => 1.0,
+        ErrorMetric::Relmse => 1.0 / (mean * mean + RELATIVE_EPSILON),
+        ErrorMetric::Display => {
+            let slope = encoding_slope(mean);
+            slope * slope
+        }
+    }
+}
+
+/// How steep the sRGB curve (IEC 61966-2-1) is; what is brighter than white is white.
+fn encoding_slope(linear: f64) -> f64 {
+    if linear <= 0.003_130_8 { 12.92 } else { 1.055 / 2.4 * libm::pow(linear.min(1.0), 1.0 / 2.4 - 1.0) }
+}
+
+/// Sums of squared errors that are expected of pixels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    count: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Moments {
+    fn add(&mut self, value: f64) {
+        self.count += 1.0;
+        self.sum += value;
+        self.squares += value * value;
+    }
+
+    /// The mean, and what the mean of the errors themselves is below of with 95 % confidence. A pixel's variance is known from a few batches only, and its error is
+    /// one draw: both scatter by about as much as they are large (twice their squares for normal errors).
+    fn estimate(&self) -> (f64, f64) {
+        let mean = self.sum / self.count;
+        let scatter = 3.0 * self.squares / (self.count * self.count);
+        (mean, mean + QUANTILE * scatter.sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::super::film::TileFilm;
+    use super::super::tile::Tile;
+    use super::*;
+    use crate::geometry::record::RayRecord;
+
+    /// A round of an image of 16 x 8 pixels, its right half noisy.
+    fn film(round: &Round, noise: impl Fn(u32, u32) -> f64) -> Film {
+        let area = Crop { x0: 0, y0: 0, x1: 16, y1: 8 };
+        let tile = Tile { x0: 0, y0: 0, x1: 16, y1: 8 };
+        let mut part = TileFilm::new(tile, 16, round.batches as usize);
+        for pixel in 0..128 {
+            for sample in round.first..round.first + round.count {
+                let record =
+                    RayRecord::camera(DVec3::ZERO, DVec3::X, pixel, sample, round.batch(sample) as u8);
+                part.count(&record);
+                part.deposit(&record, [noise(pixel, sample); 3]);
+            }
+        }
+        let mut film = Film::new(area, round.batches as usize);
+        film.merge(tile, part.as_bytes()).unwrap();
+        film
+    }
+
+    /// A number in [0, 1).
+    fn dice(pixel: u32, sample: u32) -> f64 {
+        let mut z = (u64::from(pixel) << 32 | u64::from(sample)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / 9_007_199_254_740_992.0
+    }
+
+    #[test]
+    fn the_variance_is_that_of_the_samples() {
+        let settings = ImageSettings::sized(16, 8);
+        let rounds = [
+            Round { first: 0, count: 16, batches: 8 },
+            Round { first: 16, count: 8, batches: 4 },
+            Round { first: 24, count: 24, batches: 4 },
+        ];
+        let mut estimate = Estimate::new(settings.crop, 1, 0.0, true);
+        for round in &rounds {
+            estimate.absorb(film(round, |pixel, sample| 2.0 + dice(pixel, sample)), round);
+        }
+        let (image, variances) = estimate.resolve(settings.crop, 0.0);
+        // Of one sample 1/12.
+        let expected = 1.0 / 12.0 / 48.0;
+        let mean: f64 = variances.unwrap().iter().map(|v| f64::from(v[1])).sum::<f64>() / 128.0;
+        assert!((mean / expected - 1.0).abs() < 0.1, "{mean} instead of {expected}");
+        let error = estimate.error(settings.crop).unwrap();
+        assert!((error.rmse * error.rmse / mean - 1.0).abs() < 1e-5 && error.spp == 48.0);
+        let truth: f64 = image
+            .pixels
+            .iter()
+            .map(|p| {
+                let d = f64::from(p[0]) - 2.5;
+                d * d
+            })
+            .sum::<f64>()
+            / 128.0;
+        assert!(truth.sqrt() < error.rmse_at_most && error.rmse_at_most < 1.3 * error.rmse);
+        assert!((error.rel_mse / (mean / 6.26) - 1.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn blocks_that_are_good_enough_are_left_alone() {
+        let settings = ImageSettings::sized(16, 8);
+        let round = Round { first: 0, count: 16, batches: 8 };
+        let mut estimate = Estimate::new(settings.crop, 1, 0.0, true);
+        let noise = |pixel: u32, sample| if pixel % 16 < 8 { 0.5 } else { dice(pixel, sample) };
+        estimate.absorb(film(&round, noise), &round);
+        let target = |value| ErrorTarget { metric: ErrorMetric::Rmse, value };
+        let all = Activity::all(&settings);
+        // √(1/12 / 16) = 0.072.
+        let wanting = estimate.wanting(&settings, target(0.06), &all);
+        assert!(!wanting.holds(0) && wanting.holds(8) && wanting.holds(127));
+        assert!(estimate.wanting(&settings, target(0.09), &all).is_over());
+        // What was good enough once isn't looked at again.
+        let none = Activity::of(&settings, std::iter::empty());
+        assert!(estimate.wanting(&settings, target(0.001), &none).is_over());
+    }
+}

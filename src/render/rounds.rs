@@ -1,0 +1,162 @@
+//! Samples in rounds: what is taken of which pixels before the next look at the error. Decisions follow from whole blocks of the image at the ends of rounds alone, so they are
+//! the same for any ranks, threads, tiles and crops.
+
+use serde::{Deserialize, Serialize};
+
+use crate::settings::{Crop, ImageSettings};
+
+/// Edge in pixels of the blocks that are sampled or not; they begin at the image's upper left corner.
+pub const BLOCK: u32 = 8;
+
+/// Samples of each pixel before the error is looked at for the first time, and the batches that they come in: so many means tell a variance.
+const FIRST: u32 = 16;
+const FIRST_BATCHES: u32 = 8;
+/// Batches of a later round.
+const BATCHES: u32 = 4;
+/// Batches where a single round shall tell a variance, and the most of any round: a film has planes for each.
+const MOST_BATCHES: u32 = 32;
+
+/// Samples `first .. first + count` of each active pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Round {
+    pub first: u32,
+    pub count: u32,
+    /// Consecutive parts of equal size, but for rounding, whose means tell a variance.
+    pub batches: u32,
+}
+
+impl Round {
+    /// The only round of an image whose error nobody asks for.
+    pub fn all(spp: u32) -> Self {
+        Round { first: 0, count: spp, batches: 1 }
+    }
+
+    /// The batch of one of the round's samples.
+    #[inline]
+    pub fn batch(&self, sample: u32) -> u32 {
+        (u64::from(sample - self.first) * u64::from(self.batches) / u64::from(self.count)) as u32
+    }
+}
+
+/// The rounds that an image may take; it ends before where it is good enough or time is over. With a time limit they begin with single samples.
+pub fn schedule(settings: &ImageSettings, timed: bool) -> Vec<Round> {
+    let spp = settings.spp;
+    if settings.error_target.is_none() && !timed {
+        let batches = if settings.variance { spp.min(MOST_BATCHES) } else { 1 };
+        return vec![Round { first: 0, count: spp, batches }];
+    }
+    let mut rounds = Vec::new();
+    let mut first = 0;
+    while first < spp {
+        let (count, batches) = match first {
+            _ if timed && first < FIRST => (first.max(1), first.clamp(1, BATCHES)),
+            0 => (FIRST, FIRST_BATCHES),
+            // 16, 24, 32, 48, 64, 96 and so on.
+            _ if first.is_power_of_two() => (first / 2, BATCHES),
+            _ => (first / 3, BATCHES),
+        };
+        let count = count.min(spp - first);
+        rounds.push(Round { first, count, batches: batches.min(count) });
+        first += count;
+    }
+    rounds
+}
+
+/// The part of the image that is sampled: what is asked for, and where blocks decide the rest of those that it touches.
+pub fn area(settings: &ImageSettings) -> Crop {
+    let Crop { x0, y0, x1, y1 } = settings.crop;
+    if settings.error_target.is_none() {
+        return settings.crop;
+    }
+    let down = |x: u32| x / BLOCK * BLOCK;
+    let up = |x: u32, most: u32| x.div_ceil(BLOCK).saturating_mul(BLOCK).min(most);
+    Crop { x0: down(x0), y0: down(y0), x1: up(x1, settings.width), y1: up(y1, settings.height) }
+}
+
+/// Which blocks of the image are still sampled.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Activity {
+    width: u32,
+    columns: u32,
+    /// One bit for each block, row by row; empty while all are.
+    bits: Vec<u64>,
+}
+
+impl Activity {
+    /// All pixels of an image.
+    pub fn all(settings: &ImageSettings) -> Self {
+        Activity { width: settings.width, columns: settings.width.div_ceil(BLOCK), bits: Vec::new() }
+    }
+
+    /// The blocks that are told, by column and row.
+    pub fn of(settings: &ImageSettings, blocks: impl Iterator<Item = (u32, u32)>) -> Self {
+        let mut activity = Activity::all(settings);
+        let count = activity.columns as usize * settings.height.div_ceil(BLOCK) as usize;
+        activity.bits = vec![0; count.div_ceil(64).max(1)];
+        for (column, row) in blocks {
+            let block = row as usize * activity.columns as usize + column as usize;
+            activity.bits[block / 64] |= 1 << (block % 64);
+        }
+        activity
+    }
+
+    /// Whether no block is.
+    pub fn is_over(&self) -> bool {
+        !self.bits.is_empty() && self.bits.iter().all(|&bits| bits == 0)
+    }
+
+    /// Whether a pixel (y * width + x) is.
+    #[inline]
+    pub fn holds(&self, pixel: u32) -> bool {
+        self.bits.is_empty() || {
+            let (column, row) = (pixel % self.width / BLOCK, pixel / self.width / BLOCK);
+            let block = row as usize * self.columns as usize + column as usize;
+            self.bits[block / 64] >> (block % 64) & 1 == 1
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{ErrorMetric, ErrorTarget};
+
+    fn settings(spp: u32) -> ImageSettings {
+        let target = ErrorTarget { metric: ErrorMetric::Rmse, value: 0.1 };
+        ImageSettings { spp, error_target: Some(target), ..ImageSettings::sized(50, 30) }
+    }
+
+    #[test]
+    fn rounds_take_each_sample_once() {
+        for timed in [false, true] {
+            for spp in [1, 2, 7, 16, 17, 40, 1000, 65536] {
+                let rounds = schedule(&settings(spp), timed);
+                let mut next = 0;
+                for round in &rounds {
+                    assert_eq!(round.first, next);
+                    next += round.count;
+                    let batches: Vec<u32> = (round.first..next).map(|sample| round.batch(sample)).collect();
+                    assert!(batches.is_sorted() && (1..=MOST_BATCHES).contains(&round.batches));
+                    assert_eq!((batches[0], batches[batches.len() - 1]), (0, round.batches - 1));
+                }
+                assert_eq!(next, spp);
+                assert!(rounds.len() < 40);
+            }
+        }
+        let starts: Vec<u32> = schedule(&settings(300), false).iter().map(|round| round.first).collect();
+        assert_eq!(starts, [0, 16, 24, 32, 48, 64, 96, 128, 192, 256]);
+    }
+
+    #[test]
+    fn blocks_are_those_of_the_image() {
+        let mut settings = settings(16);
+        settings.crop = Crop { x0: 9, y0: 8, x1: 49, y1: 9 };
+        assert_eq!(area(&settings), Crop { x0: 8, y0: 8, x1: 50, y1: 16 });
+        let activity = Activity::of(&settings, [(1, 0), (6, 3)].into_iter());
+        let held: Vec<u32> = (0..50 * 30).filter(|&pixel| activity.holds(pixel)).collect();
+        assert_eq!(held.len(), 64 + 2 * 6);
+        assert!(held.iter().all(|pixel| (8..16).contains(&(pixel % 50)) || pixel % 50 >= 48));
+        assert!(!activity.is_over() && !Activity::all(&settings).is_over());
+        assert!(Activity::of(&settings, std::iter::empty()).is_over());
+    }
+}
