@@ -5,10 +5,11 @@ use std::fmt;
 use std::io::{self, Cursor, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
-pub use super::format::WriteOptions;
-use super::{exr, file, pfm, png};
+use super::file;
 use crate::error::{Error, Result};
+pub use crate::image::format::WriteOptions;
 use crate::image::{Image, Layer};
+use crate::image::{exr, pfm, png};
 
 /// The image formats that can be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -169,8 +170,8 @@ pub fn encode_with_layers(
 
 #[cfg(test)]
 mod tests {
-    use super::super::read::{read, read_layers};
     use super::*;
+    use crate::image::read::{read, read_layers};
     use crate::settings::Encoding;
 
     fn picture() -> Image {

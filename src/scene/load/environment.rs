@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::files;
 use crate::error::{Error, Result};
-use crate::output::read;
+use crate::image::read;
 use crate::scene::Environment;
 
 /// Reads an image of all directions around (latitude and longitude): OpenEXR or PFM as linear radiance, PNG decoded to it.

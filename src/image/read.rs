@@ -75,8 +75,8 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Image, Broken> {
 #[cfg(test)]
 mod tests {
     use super::super::format::{WriteOptions, check_size};
-    use super::super::write::{Format, encode};
     use super::*;
+    use crate::output::write::{Format, encode};
     use crate::settings::Encoding;
 
     /// A small picture with some structure, so that compressors do something.

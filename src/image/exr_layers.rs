@@ -168,9 +168,9 @@ fn interleaved(name: String, mut members: Vec<(String, FlatSamples)>) -> Layer {
 #[cfg(test)]
 mod tests {
     use super::super::format::WriteOptions;
-    use super::super::write::{Format, encode_with_layers};
     use super::super::{exr, read};
     use super::*;
+    use crate::output::write::{Format, encode_with_layers};
 
     fn picture() -> (Image, Vec<Layer>) {
         let mut image = Image::new(5, 18);

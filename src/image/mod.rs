@@ -1,4 +1,12 @@
-//! A finished image in memory: linear RGB, row 0 on top, and named layers beside it. Knows nothing of files or films.
+//! A finished image in memory: linear RGB, row 0 on top, and the file formats that hold one (bytes in, bytes out). Knows no film and no scene.
+
+pub mod exr;
+mod exr_layers;
+pub mod format;
+pub mod pfm;
+pub mod png;
+pub mod read;
+pub mod transfer;
 
 /// A rectangle of linear RGB pixels, `pixels[y * width + x]`, row 0 on top.
 #[derive(Clone, Debug, PartialEq)]
