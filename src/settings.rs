@@ -26,6 +26,8 @@ pub struct ImageSettings {
     pub error_target: Option<ErrorTarget>,
     /// Whether variances of pixels are to be known.
     pub variance: bool,
+    /// Whether it is to be known what the first surfaces are.
+    pub features: bool,
     pub sampler: SamplerKind,
     pub filter: Filter,
     pub encoding: Encoding,
@@ -56,6 +58,7 @@ impl ImageSettings {
             direct: Direct::Both,
             error_target: None,
             variance: false,
+            features: false,
             sampler: SamplerKind::Sobol,
             filter: Filter::Box,
             encoding: Encoding::Srgb,

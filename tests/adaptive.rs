@@ -2,16 +2,11 @@
 
 mod common;
 
-use common::{fingerprint, render, render_as, repository, small_work};
+use common::{fingerprint, render, rendered_as, rendered_on, repository, small_work};
 use heliostat::accel::Accel;
-use heliostat::cluster::comm::memory;
-use heliostat::cluster::{Comm, Solo};
-use heliostat::image::Image;
-use heliostat::job::{self, Crew, Rendered, Work};
+use heliostat::cluster::Solo;
+use heliostat::job::{Rendered, Work};
 use heliostat::output::compare::compare;
-use heliostat::output::progress::ProgressKind;
-use heliostat::output::stats::RankStats;
-use heliostat::output::timeline::Timeline;
 use heliostat::settings::{
     AccelKind, BuildPreset, Crop, ErrorMetric, ErrorTarget, Filter, SamplerKind, Split,
 };
@@ -24,15 +19,9 @@ fn adaptive(scene: &str, metric: ErrorMetric, value: f64) -> Work {
     work
 }
 
-/// What rank 0 of one process has in the end.
+/// All that comes of one process.
 fn rendered(work: &Work) -> Rendered {
-    let pool = job::thread_pool(2).unwrap();
-    let progress = ProgressKind::None.start();
-    let comm = &Solo::new();
-    let crew = Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
-    let mut work = work.clone();
-    job::distribute(&crew, &mut work).unwrap();
-    job::render(&crew, &mut work, &mut RankStats::default()).unwrap().unwrap()
+    rendered_as(&Solo::new(), work.clone(), 2).expect("rank 0")
 }
 
 #[test]
@@ -56,19 +45,8 @@ fn it_is_the_same_for_threads_tiles_ranks_splits_accelerators_and_crops() {
                 work.run.split = split;
                 work
             };
-            let found: Vec<Option<Image>> = std::thread::scope(|scope| {
-                let ranks: Vec<_> = memory::group(3)
-                    .into_iter()
-                    .map(|comm| {
-                        scope.spawn(move || {
-                            let own = if comm.rank() == 0 { work.clone() } else { Work::default() };
-                            render_as(&comm, own, 1)
-                        })
-                    })
-                    .collect();
-                ranks.into_iter().map(|rank| rank.join().unwrap()).collect()
-            });
-            assert_eq!(fingerprint(found[0].as_ref().unwrap()), expected, "{scene}, {split:?}");
+            let found = rendered_on(3, work).image;
+            assert_eq!(fingerprint(&found), expected, "{scene}, {split:?}");
         }
         // A crop whose blocks reach beyond it.
         let crop = Crop { x0: 11, y0: 3, x1: 30, y1: 38 };

@@ -564,3 +564,40 @@ fn stress_refuses_what_it_cannot_do() {
     refuses(&["stress", "--picture", "here"], 2, &["--ladder"]);
     refuses(&["stress", "--only-mesh"], 2, &["--mesh"]);
 }
+
+/// A layer goes into an EXR file, and nowhere else; a render that a clock ends is whole and says so.
+#[test]
+fn layers_targets_and_limits() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/cornell-path.toml");
+    let small = ["render", scene, "--width", "24", "--height", "24"];
+    let (exr, png) = (at("a.exr"), at("a.png"));
+
+    let run = |more: &[&str]| {
+        let mut command = assert_cmd::Command::cargo_bin("heliostat").unwrap();
+        command.args(small).args(more).assert()
+    };
+    let all = "variance,albedo,normal,position,depth,id";
+    run(&["-o", &exr, "--spp", "4", "--aov", all]).success();
+    let file = heliostat::image::read::read_layers(exr.as_ref()).unwrap();
+    let mut names: Vec<&str> = file.layers.iter().map(|layer| layer.name.as_str()).collect();
+    names.sort_unstable();
+    assert_eq!(names, ["albedo", "depth", "id", "normal", "position", "variance"]);
+    assert!(file.variance().unwrap().iter().any(|v| v[0] > 0.0));
+
+    let refused = run(&["-o", &png, "--spp", "4", "--aov", "depth"]).code(2);
+    assert!(String::from_utf8_lossy(&refused.get_output().stderr).contains("--aov"));
+    run(&["-o", &exr, "--spp", "1", "--aov", "variance"]).code(2);
+    for wrong in [["--error-target", "0"], ["--error-target", "x"], ["--time-limit", "0"]] {
+        let refused = run(&["-o", &png, wrong[0], wrong[1]]).code(2);
+        assert!(String::from_utf8_lossy(&refused.get_output().stderr).contains(wrong[0]));
+    }
+
+    let told = run(&["-o", &png, "--error-target", "0.2"]).success();
+    assert!(String::from_utf8_lossy(&told.get_output().stderr).contains("95 %"));
+    let ended = run(&["-o", &exr, "--time-limit", "0.001"]).code(75);
+    let said = String::from_utf8_lossy(&ended.get_output().stderr).into_owned();
+    assert!(said.contains("--time-limit") && said.contains("samples per pixel"), "{said}");
+    assert_eq!(heliostat::image::read::read(exr.as_ref()).unwrap().width, 24);
+}

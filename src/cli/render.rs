@@ -16,6 +16,7 @@ use crate::output::stats::{RankStats, Stats};
 use crate::output::timeline::{self, Timeline};
 use crate::output::write::{self, Target, WriteOptions};
 use crate::output::{file, metadata};
+use crate::render::features::Features;
 use crate::scene::load::{self, ImageDefaults};
 use crate::settings::{
     AccelKind, BuildPreset, BuildSettings, Crop, Deal, Direct, Encoding, ErrorMetric, ErrorTarget, Filter,
@@ -139,11 +140,22 @@ pub struct Args {
 enum Aov {
     /// Of each pixel's mean: its standard error squared.
     Variance,
+    /// What the first surface reflects.
+    Albedo,
+    /// The shading normal of the first surface.
+    Normal,
+    /// Where the first surface is, in world space.
+    Position,
+    /// How far away the first surface is.
+    Depth,
+    /// The number of the first surface's primitive.
+    Id,
 }
 
 /// What rank 0 alone keeps: where to write and what to say.
 struct Errand {
     targets: Vec<Target>,
+    aov: Vec<Aov>,
     stats: Option<PathBuf>,
     timeline: Option<PathBuf>,
     quiet: bool,
@@ -288,6 +300,7 @@ fn errand(args: &Args) -> Result<Errand> {
     }
     Ok(Errand {
         targets,
+        aov: args.aov.clone(),
         stats: args.stats.clone(),
         timeline: args.timeline.clone(),
         quiet: args.quiet,
@@ -333,6 +346,7 @@ fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
         direct: args.direct,
         error_target,
         variance: args.aov.contains(&Aov::Variance),
+        features: args.aov.iter().any(|&kind| kind != Aov::Variance),
         sampler: args.sampler.or(scene.sampler).unwrap_or(default.sampler),
         filter: args.filter.or(scene.filter).unwrap_or(default.filter),
         encoding: args.encoding.or(scene.encoding).unwrap_or(default.encoding),
@@ -367,8 +381,7 @@ fn write_image(rendered: &Rendered, work: &Work, errand: &Errand) -> Result<()> 
     let mut metadata = metadata::describe(&work.image);
     metadata.extend(rendered.error.iter().flat_map(metadata::describe_error));
     let options = WriteOptions { encoding: work.image.encoding, metadata };
-    let variance = rendered.variance.as_ref().filter(|_| work.image.variance);
-    let layers: Vec<Layer> = variance.map(|variance| Layer::variance(variance.clone())).into_iter().collect();
+    let layers = layers(rendered, &errand.aov);
     // One folder that is gone must not cost the images that another would take.
     let written: Vec<Result<()>> = errand
         .targets
@@ -376,6 +389,21 @@ fn write_image(rendered: &Rendered, work: &Work, errand: &Errand) -> Result<()> 
         .map(|target| write::write_with_layers(&rendered.image, &layers, target, &options))
         .collect();
     written.into_iter().collect()
+}
+
+fn layers(rendered: &Rendered, aov: &[Aov]) -> Vec<Layer> {
+    let Features { albedo, normal, position, depth, id } = rendered.features.clone().unwrap_or_default();
+    [
+        (Aov::Variance, Layer::variance(rendered.variance.clone().unwrap_or_default())),
+        (Aov::Albedo, Layer::albedo(albedo)),
+        (Aov::Normal, Layer::normal(normal)),
+        (Aov::Position, Layer::position(position)),
+        (Aov::Depth, Layer::depth(depth)),
+        (Aov::Id, Layer::id(id)),
+    ]
+    .into_iter()
+    .filter_map(|(kind, layer)| aov.contains(&kind).then_some(layer))
+    .collect()
 }
 
 fn stopped(rendered: &Rendered) -> Error {

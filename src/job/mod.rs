@@ -18,6 +18,7 @@ use crate::output::progress::{Progress, ProgressKind};
 use crate::output::stats::{self, RankStats};
 use crate::output::timeline::{Event, Timeline};
 use crate::render::estimate::{ErrorReached, Estimate};
+use crate::render::features::Features;
 use crate::render::film::Film;
 use crate::render::filter::FilterTable;
 use crate::render::rounds::{self, Activity, Round};
@@ -57,6 +58,8 @@ pub struct Rendered {
     pub image: Image,
     /// Of each pixel's mean, where it is known.
     pub variance: Option<Vec<[f32; 3]>>,
+    /// Where it was asked for.
+    pub features: Option<Features>,
     pub error: Option<ErrorReached>,
     /// Whether all was done that was asked for: no clock ended it.
     pub complete: bool,
@@ -65,13 +68,17 @@ pub struct Rendered {
 /// Collective: renders the work that was [`distribute`]d to all ranks, round by round; rank 0 gets the image. Adds what this rank did to `stats`.
 pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Option<Rendered>> {
     let begin = Instant::now();
-    let ImageSettings { crop, variance, error_target, .. } = work.image;
+    let ImageSettings { crop, variance, error_target, features, .. } = work.image;
     let limit = work.run.time_limit.map(Duration::from_secs_f64);
     let schedule = rounds::schedule(&work.image, limit.is_some());
     let filter = FilterTable::new(work.image.filter);
     let variances = variance || error_target.is_some() || limit.is_some();
     let mut estimate = (crew.comm.rank() == 0).then(|| {
-        Estimate::new(rounds::area(&work.image), filter.planes(), filter.negative_mass(), variances)
+        let mut estimate = Estimate::new(rounds::area(&work.image), filter.planes(), filter.negative_mass());
+        if variances {
+            estimate = estimate.with_variances();
+        }
+        if features { estimate.with_features() } else { estimate }
     });
     let mut activity = Activity::all(&work.image);
     let mut complete = true;
@@ -107,7 +114,8 @@ pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Opt
     Ok(estimate.map(|estimate| {
         let _span = crew.timeline.span(0, "resolve");
         let (image, variance) = estimate.resolve(crop, floor);
-        Rendered { image, variance, error: estimate.error(crop), complete }
+        let features = estimate.features(crop, &work.scene.header.frame);
+        Rendered { image, variance, features, error: estimate.error(crop), complete }
     }))
 }
 

@@ -5,9 +5,11 @@
 
 use serde::Serialize;
 
+use super::features::{Features, PLANES};
 use super::film::{Cell, Film};
 use super::rounds::{Activity, BLOCK, Round};
 use crate::image::Image;
+use crate::scene::Frame;
 use crate::settings::{Crop, ErrorMetric, ErrorTarget, ImageSettings};
 
 /// The film of all rounds so far.
@@ -22,6 +24,8 @@ pub struct Estimate {
     cells: Vec<Cell>,
     /// Of each cell Σ n_b m_b² and the number of batches; empty where nobody asks for variances.
     squares: Vec<([f64; 3], u32)>,
+    /// Of each pixel the planes of [`Features`]; empty where nobody asks for them.
+    features: Vec<[Cell; PLANES]>,
 }
 
 /// How far an image is from what it would be with infinitely many samples, as its own samples tell.
@@ -52,21 +56,38 @@ struct Pixel {
 }
 
 impl Estimate {
-    pub fn new(area: Crop, planes: usize, negative_mass: f64, variances: bool) -> Self {
-        let cells = area.width() as usize * area.height() as usize * planes;
-        let squares = if variances { vec![Default::default(); cells] } else { Vec::new() };
-        Estimate { area, planes, negative_mass, cells: vec![Cell::default(); cells], squares }
+    /// For films of this area and a filter of so many planes.
+    pub fn new(area: Crop, planes: usize, negative_mass: f64) -> Self {
+        let cells = vec![Cell::default(); area.width() as usize * area.height() as usize * planes];
+        Estimate { area, planes, negative_mass, cells, squares: Vec::new(), features: Vec::new() }
+    }
+
+    /// Wants variances to be known.
+    pub fn with_variances(mut self) -> Self {
+        self.squares = vec![Default::default(); self.cells.len()];
+        self
+    }
+
+    /// Wants features to be known: the films have planes for them.
+    pub fn with_features(mut self) -> Self {
+        self.features = vec![Default::default(); self.cells.len() / self.planes];
+        self
     }
 
     /// Takes in the film of a round, which has `round.batches` times the filter's planes.
     pub fn absorb(&mut self, film: Film, round: &Round) {
-        if round.batches == 1 && self.squares.is_empty() && round.first == 0 {
+        if round.batches == 1 && self.squares.is_empty() && self.features.is_empty() && round.first == 0 {
             self.cells = film.into_cells();
             return;
         }
         let planes = self.planes;
-        let batches = round.batches as usize;
-        for (pixel, parts) in film.into_cells().chunks_exact(planes * batches).enumerate() {
+        let lights = planes * round.batches as usize;
+        let all = lights + if self.features.is_empty() { 0 } else { PLANES };
+        for (pixel, parts) in film.into_cells().chunks_exact(all).enumerate() {
+            let (parts, features) = parts.split_at(lights);
+            for (own, new) in self.features.get_mut(pixel).into_iter().flatten().zip(features) {
+                own.merge(new);
+            }
             for plane in 0..planes {
                 let index = pixel * planes + plane;
                 for part in parts.iter().skip(plane).step_by(planes).filter(|part| part.count > 0) {
@@ -123,6 +144,20 @@ impl Estimate {
             }
         }
         (image, variances)
+    }
+
+    /// What the first surfaces of the asked-for part are, if that is known.
+    pub fn features(&self, crop: Crop, frame: &Frame) -> Option<Features> {
+        let mut features = Features::default();
+        for y in crop.y0..crop.y1 {
+            for x in crop.x0..crop.x1 {
+                let place = self.place(x, y);
+                let cells = self.cells[place * self.planes..][..self.planes].iter();
+                let samples = cells.map(|cell| cell.count).sum();
+                features.push(self.features.get(place)?, samples, frame);
+            }
+        }
+        Some(features)
     }
 
     fn place(&self, x: u32, y: u32) -> usize {
@@ -271,7 +306,7 @@ mod tests {
             Round { first: 16, count: 8, batches: 4 },
             Round { first: 24, count: 24, batches: 4 },
         ];
-        let mut estimate = Estimate::new(settings.crop, 1, 0.0, true);
+        let mut estimate = Estimate::new(settings.crop, 1, 0.0).with_variances();
         for round in &rounds {
             estimate.absorb(film(round, |pixel, sample| 2.0 + dice(pixel, sample)), round);
         }
@@ -299,7 +334,7 @@ mod tests {
     fn blocks_that_are_good_enough_are_left_alone() {
         let settings = ImageSettings::sized(16, 8);
         let round = Round { first: 0, count: 16, batches: 8 };
-        let mut estimate = Estimate::new(settings.crop, 1, 0.0, true);
+        let mut estimate = Estimate::new(settings.crop, 1, 0.0).with_variances();
         let noise = |pixel: u32, sample| if pixel % 16 < 8 { 0.5 } else { dice(pixel, sample) };
         estimate.absorb(film(&round, noise), &round);
         let target = |value| ErrorTarget { metric: ErrorMetric::Rmse, value };

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use bytemuck::{Pod, Zeroable};
 
+use super::features::PLANES;
 use super::tile::Tile;
 use crate::error::{Error, Result};
 use crate::geometry::record::RayRecord;
@@ -79,6 +80,15 @@ impl TileFilm {
         self.cell(record).deposit(radiance);
     }
 
+    /// Adds to the last planes of the record's pixel.
+    pub fn add_features(&mut self, record: &RayRecord, features: &[Color; PLANES]) {
+        for (plane, value) in (self.planes - PLANES..).zip(features) {
+            let cell = self.cell(&RayRecord { plane: plane as u8, ..*record });
+            cell.deposit(*value);
+            cell.count += 1;
+        }
+    }
+
     /// The cells as bytes, to be sent or kept.
     pub fn as_bytes(&self) -> &[u8] {
         bytemuck::cast_slice(&self.cells)
@@ -123,6 +133,15 @@ impl SharedFilm {
                     let _ = sum.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
                 }
             }
+        }
+    }
+
+    /// Adds to the last planes of the record's pixel.
+    pub fn add_features(&self, record: &RayRecord, features: &[Color; PLANES]) {
+        for (plane, value) in (self.planes - PLANES..).zip(features) {
+            let record = &RayRecord { plane: plane as u8, ..*record };
+            self.deposit(record, *value);
+            self.count(record);
         }
     }
 
@@ -220,7 +239,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn resolve(film: &Film, negative_mass: f64, floor: f64) -> Image {
-        let mut estimate = Estimate::new(film.crop, film.planes, negative_mass, false);
+        let mut estimate = Estimate::new(film.crop, film.planes, negative_mass);
         estimate.absorb(film.clone(), &Round::all(1));
         estimate.resolve(film.crop, floor).0
     }

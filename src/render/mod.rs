@@ -2,6 +2,7 @@
 
 pub mod cost;
 pub mod estimate;
+pub mod features;
 pub mod film;
 pub mod filter;
 pub mod relay;
@@ -44,6 +45,12 @@ impl RayTally {
     }
 }
 
+/// Planes of each pixel of a round's film: the filter's for each batch, then those of features.
+pub fn planes(settings: &ImageSettings, filter: &FilterTable, round: &Round) -> usize {
+    let features = if settings.features { features::PLANES } else { 0 };
+    filter.planes() * round.batches as usize + features
+}
+
 /// Everything that a thread needs to render any tile.
 pub struct Renderer<'a> {
     scene: &'a Scene,
@@ -69,9 +76,9 @@ impl<'a> Renderer<'a> {
         Renderer { scene, accel, settings, transport, filter }
     }
 
-    /// Planes of each pixel of a round's film: the filter's for each batch.
+    /// Planes of each pixel of a round's film: see [`planes`].
     pub fn planes(&self, round: &Round) -> usize {
-        self.filter.planes() * round.batches as usize
+        planes(self.settings, &self.filter, round)
     }
 
     /// See `Film::resolve`.
@@ -110,6 +117,11 @@ impl<'a> Renderer<'a> {
             self.accel.trace(&self.scene.surfaces, &wave, &mut answers);
             for (record, answer) in wave.iter().zip(&answers) {
                 counts[record.made_by() as usize] += 1;
+                if self.settings.features
+                    && let Some(features) = features::of_hit(self.scene, record, answer, answer.primitive)
+                {
+                    film.add_features(record, &features);
+                }
                 self.transport.advance(record, answer, &mut Split { waiting: &mut waiting, film });
             }
         }

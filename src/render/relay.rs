@@ -8,6 +8,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
 
+use super::features;
 use super::film::{Film, SharedFilm};
 use super::filter::FilterTable;
 use super::rounds::{self, Round};
@@ -117,7 +118,7 @@ impl<'a> Relay<'a> {
         round: Round,
     ) -> Self {
         let filter = FilterTable::new(settings.filter);
-        let planes = filter.planes() * round.batches as usize;
+        let planes = super::planes(settings, &filter, &round);
         let film = SharedFilm::new(rounds::area(settings), settings.width, planes);
         Relay {
             round,
@@ -318,8 +319,15 @@ impl<'r> Leg<'r> {
             _ if pending.primitive != NONE => pending.primitive,
             id => self.relay.local(id).expect("a ray is shaded where its hit was found"),
         };
+        let (scene, film) = (&self.relay.holding.scene, &self.relay.film);
+        let found = Answer { primitive, ..*best };
+        if self.relay.settings.features
+            && let Some(features) = features::of_hit(scene, &pending.record(), &found, best.primitive)
+        {
+            film.add_features(&pending.record(), &features);
+        }
         let transport = self.renderer.transport;
-        transport.advance(&pending.record(), &Answer { primitive, ..*best }, self);
+        transport.advance(&pending.record(), &found, self);
     }
 
     fn send(&mut self, rank: usize, pending: Pending) {

@@ -4,9 +4,10 @@
 use std::path::{Path, PathBuf};
 
 use heliostat::accel::Accel;
+use heliostat::cluster::comm::memory;
 use heliostat::cluster::{Comm, Solo};
 use heliostat::image::Image;
-use heliostat::job::{self, Crew, Work};
+use heliostat::job::{self, Crew, Rendered, Work};
 use heliostat::output::file::write_whole;
 use heliostat::output::progress::ProgressKind;
 use heliostat::output::stats::RankStats;
@@ -37,12 +38,34 @@ pub fn render(work: &Work, threads: usize) -> Image {
 }
 
 /// Collective: renders rank 0's work.
-pub fn render_as(comm: &dyn Comm, mut work: Work, threads: usize) -> Option<Image> {
+pub fn render_as(comm: &dyn Comm, work: Work, threads: usize) -> Option<Image> {
+    rendered_as(comm, work, threads).map(|rendered| rendered.image)
+}
+
+/// Collective: all that comes of rank 0's work.
+pub fn rendered_as(comm: &dyn Comm, mut work: Work, threads: usize) -> Option<Rendered> {
     let pool = job::thread_pool(threads).unwrap();
     let progress = ProgressKind::None.start();
     let crew = Crew { comm, pool: &pool, wide: &pool, timeline: &Timeline::off(), progress: &*progress };
     job::distribute(&crew, &mut work).unwrap();
-    job::render(&crew, &mut work, &mut RankStats::default()).unwrap().map(|rendered| rendered.image)
+    job::render(&crew, &mut work, &mut RankStats::default()).unwrap()
+}
+
+/// Renders on several ranks, each a thread of this process.
+pub fn rendered_on(ranks: usize, work: &Work) -> Rendered {
+    let all: Vec<Option<Rendered>> = std::thread::scope(|scope| {
+        let ranks: Vec<_> = memory::group(ranks)
+            .into_iter()
+            .map(|comm| {
+                scope.spawn(move || {
+                    let own = if comm.rank() == 0 { work.clone() } else { Work::default() };
+                    rendered_as(&comm, own, 1)
+                })
+            })
+            .collect();
+        ranks.into_iter().map(|rank| rank.join().unwrap()).collect()
+    });
+    all.into_iter().next().flatten().expect("rank 0's image")
 }
 
 /// Every scene of the repository, in order of name.
