@@ -96,10 +96,10 @@ impl Sampler {
             let digit = index >> (2 * place) & 3;
             let above = index >> (2 * place) >> 2;
             let order = (hash(key ^ u64::from(place) << 48, above) >> 24) % 24;
-            shuffled |= permutation_of_four(order as usize, digit as usize) << (2 * place);
+            shuffled |= u64::from(PERMUTATIONS[order as usize][digit as usize]) << (2 * place);
         }
-        let points = [shuffled.reverse_bits(), second_sobol_dimension(shuffled)];
-        [0, 1].map(|k| unit(owen_scrambled(points[k], hash(key, 7 + k as u64))))
+        let points = [shuffled, second_sobol_dimension(shuffled)];
+        [0, 1].map(|k| owen_scrambled(points[k], hash(key, 7 + k as u64)))
     }
 }
 
@@ -174,43 +174,47 @@ fn spread(x: u32) -> u64 {
     bits
 }
 
-/// Where the permutation number `order` (below 24) of four things puts `digit`.
-fn permutation_of_four(order: usize, digit: usize) -> u64 {
-    let mut left = [0, 1, 2, 3];
-    let mut rest = order;
-    for place in 0..=digit {
-        let ways = [6, 2, 1, 1][place];
-        let chosen = place + (rest / ways).min(3 - place);
-        rest %= ways;
-        // The chosen one moves to its place, those it passes move up.
-        left[place..=chosen].rotate_right(1);
-    }
-    left[digit]
-}
+/// All permutations of four things.
+const PERMUTATIONS: [[u8; 4]; 24] = permutations_of_four();
 
-/// The second dimension of Sobol's sequence, as 64 bits after the point. Its direction numbers are the rows of Pascal's triangle modulo 2.
-fn second_sobol_dimension(index: u64) -> u64 {
-    let (mut bits, mut direction, mut rest) = (0, 1 << 63, index);
-    while rest != 0 {
-        if rest & 1 == 1 {
-            bits ^= direction;
+const fn permutations_of_four() -> [[u8; 4]; 24] {
+    let mut all = [[0; 4]; 24];
+    let (mut code, mut count) = (0, 0);
+    // Of all four-digit numbers of base 4 those that have each digit.
+    while code < 256 {
+        let digits = [code >> 6 & 3, code >> 4 & 3, code >> 2 & 3, code & 3];
+        if 1 << digits[0] | 1 << digits[1] | 1 << digits[2] | 1 << digits[3] == 15 {
+            all[count] = [digits[0] as u8, digits[1] as u8, digits[2] as u8, digits[3] as u8];
+            count += 1;
         }
-        direction ^= direction >> 1;
-        rest >>= 1;
+        code += 1;
     }
-    bits
+    all
 }
 
-/// Owen's scrambling by a hash that lets each bit depend on those above it only (Laine and Karras 2011; constants of Vegdahl 2021 widened to 64 bits by using the upper half).
-fn owen_scrambled(bits: u64, key: u64) -> u64 {
-    let mut x = ((bits >> 32) as u32).reverse_bits();
+/// The second dimension of Sobol's sequence, its bits after the point from the lowest up: Σ (1 + x)^j over the bits j of the index, as a polynomial over {0, 1}. As
+/// (1 + x)^32 = 1 + x^32 there, and so on for each half, the sum takes six steps.
+fn second_sobol_dimension(index: u64) -> u64 {
+    let mut bits = index;
+    bits ^= bits >> 32;
+    bits ^= (bits >> 16) & 0x0000_ffff_0000_ffff;
+    bits ^= (bits >> 8) & 0x00ff_00ff_00ff_00ff;
+    bits ^= (bits >> 4) & 0x0f0f_0f0f_0f0f_0f0f;
+    bits ^= (bits >> 2) & 0x3333_3333_3333_3333;
+    bits ^ ((bits >> 1) & 0x5555_5555_5555_5555)
+}
+
+/// A number in [0, 1) from its first 32 bits after the point, the lowest one first, scrambled by a hash that lets each bit depend only on those before it (Owen's scrambling after Laine
+/// and Karras 2011; the constants are Vegdahl's, 2021).
+fn owen_scrambled(bits: u64, key: u64) -> f64 {
+    let mut x = bits as u32;
     let seed = key as u32;
     x ^= x.wrapping_mul(0x3d20_adea);
     x = x.wrapping_add(seed);
     x = x.wrapping_mul((seed >> 16) | 1);
     x ^= x.wrapping_mul(0x0552_6c56);
     x ^= x.wrapping_mul(0x53a2_2864);
-    u64::from(x.reverse_bits()) << 32 | key >> 32
+    f64::from(x.reverse_bits()) * (1.0 / 4_294_967_296.0)
 }
 
 #[cfg(test)]
