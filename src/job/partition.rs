@@ -1,6 +1,7 @@
 //! Splits where each rank has only a part of the scene: cutting it, giving every rank its part, and the render by rays that travel.
 
 use std::ops::Range;
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::{Crew, Work};
@@ -181,6 +182,7 @@ pub(super) fn render(
     let [camera, reflection, refraction, shadow] = relay.tally.counts();
     stats.rays += stats::RayCounts { camera, reflection, refraction, shadow, prepass: 0 };
     if let Some(part) = &mut stats.part {
+        part.asked += relay.asked.load(Ordering::Relaxed);
         part.exchange += exchanged;
     }
     let (holding, mut film) = relay.into_parts();

@@ -71,6 +71,8 @@ pub struct PartStats {
     pub primitives: u64,
     pub scene_bytes: u64,
     pub accel_bytes: u64,
+    /// How often a ray was put to the part: over all ranks and divided by their rays, hops per ray.
+    pub asked: u64,
     pub exchange: ExchangeStats,
 }
 
@@ -106,6 +108,8 @@ pub struct Totals {
     pub trace_seconds: f64,
     /// Million rays of all kinds a second of `trace_seconds`; 0 where that is 0.
     pub mrays_per_second: f64,
+    /// Parts that a ray was put to, on the mean; 0 where all ranks have all.
+    pub hops_per_ray: f64,
     /// Longest over mean trace seconds: 1 is perfect balance, the number of ranks none at all.
     pub imbalance: f64,
 }
@@ -130,6 +134,7 @@ impl Stats {
         ranks.iter().for_each(|rank| rays += rank.rays);
         let trace_seconds = ranks.iter().map(|rank| rank.seconds.trace).fold(0.0, f64::max);
         let mean = ranks.iter().map(|rank| rank.seconds.trace).sum::<f64>() / ranks.len().max(1) as f64;
+        let asked: u64 = ranks.iter().filter_map(|rank| rank.part.as_ref()).map(|part| part.asked).sum();
         let ratio = |a: f64, b: f64, otherwise: f64| if b > 0.0 { a / b } else { otherwise };
         let totals = Totals {
             ranks: ranks.len() as u32,
@@ -141,6 +146,7 @@ impl Stats {
             seconds,
             trace_seconds,
             mrays_per_second: ratio(rays.sum() as f64 / 1e6, trace_seconds, 0.0),
+            hops_per_ray: ratio(asked as f64, rays.sum() as f64, 0.0),
             imbalance: ratio(trace_seconds, mean, 1.0),
         };
         Stats { width, height, spp, error: None, totals, ranks }
@@ -218,7 +224,7 @@ mod tests {
         let totals = &stats.totals;
         assert_eq!((totals.ranks, totals.threads, totals.tiles, totals.bytes_sent), (2, 4, 11, 200));
         assert_eq!((totals.all_rays, totals.rays.refraction), (4_000_000, 40));
-        assert_eq!((totals.trace_seconds, totals.mrays_per_second), (4.0, 1.0));
+        assert_eq!((totals.trace_seconds, totals.mrays_per_second, totals.hops_per_ray), (4.0, 1.0, 0.0));
         assert_eq!(totals.imbalance, 4.0 / 3.0);
         let summary = stats.to_string();
         assert!(summary.contains("5.00 s, of which 4.00 s tracing at 1.00 Mray/s"), "{summary}");
@@ -227,6 +233,16 @@ mod tests {
             "{summary}"
         );
         assert_eq!(summary.lines().count(), 3);
+    }
+
+    #[test]
+    fn hops_are_those_of_all_ranks() {
+        let part = |asked| Some(PartStats { asked, ..PartStats::default() });
+        let ranks = vec![
+            RankStats { part: part(3_000_000), ..rank(0, 1.0) },
+            RankStats { part: part(1_000_000), ..rank(1, 1.0) },
+        ];
+        assert_eq!(Stats::new(1, 1, 1, 1.0, ranks).totals.hops_per_ray, 1.0);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! its original origin and direction (never moved), and what it starts on, which may lie elsewhere. Ids in a [`Traveller`] are those of the whole scene; here, and only here, they
 //! become those of the rank's part and back.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
@@ -105,6 +106,8 @@ pub struct Relay<'a> {
     round: Round,
     film: SharedFilm,
     pub tally: RayTally,
+    /// How often a ray was put to this part.
+    pub asked: AtomicU64,
     scratch: Mutex<Vec<Scratch>>,
 }
 
@@ -130,6 +133,7 @@ impl<'a> Relay<'a> {
             filter,
             film,
             tally: RayTally::default(),
+            asked: AtomicU64::new(0),
             scratch: Mutex::default(),
         }
     }
@@ -243,6 +247,7 @@ impl<'r> Leg<'r> {
             }));
             let Holding { scene, accel, .. } = &self.relay.holding;
             accel.trace(&scene.surfaces, &records, &mut answers);
+            self.relay.asked.fetch_add(records.len() as u64, Ordering::Relaxed);
             for (pending, answer) in wave.drain(..).zip(&answers) {
                 self.answered(pending, answer);
             }

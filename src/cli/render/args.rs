@@ -1,32 +1,20 @@
-//! `heliostat render`: flags and scene file to settings, and the render from first to last.
+//! The flags of `heliostat render`, and the image settings that follow from them and the scene file.
 
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
-use std::time::Instant;
 
-use super::{note, warn};
-use crate::accel::{Accel, divided};
-use crate::cluster::share;
-use crate::cluster::{self, Comm, threads};
 use crate::error::{Error, Result};
-use crate::image::Layer;
-use crate::job::{self, Crew, Rendered, Work};
 use crate::output::progress::ProgressKind;
-use crate::output::stats::{RankStats, Stats};
-use crate::output::timeline::{self, Timeline};
-use crate::output::write::{self, Target, WriteOptions};
-use crate::output::{file, metadata};
-use crate::render::features::Features;
-use crate::scene::load::{self, ImageDefaults};
+use crate::scene::load::ImageDefaults;
 use crate::settings::{
     AccelKind, BuildPreset, BuildSettings, Crop, Deal, Direct, Encoding, ErrorMetric, ErrorTarget, Filter,
-    ImageSettings, Integrator, RunSettings, SamplerKind, Show, Split, Within,
+    ImageSettings, Integrator, SamplerKind, Show, Split, Within,
 };
 
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// A scene (.toml or .helio) or a model (.obj)
-    scene: PathBuf,
+    pub(super) scene: PathBuf,
     /// Image file: .png, .exr or .pfm, or - for PNG on standard output; may be repeated [default: the scene's name, .png]
     #[arg(
         short,
@@ -36,108 +24,110 @@ pub struct Args {
         value_delimiter = ',',
         help_heading = "Image"
     )]
-    output: Vec<String>,
+    pub(super) output: Vec<String>,
     /// Pixels across; alone it keeps the scene's aspect ratio [default: the scene's, else 512]
     #[arg(long, value_name = "N", env = "HELIOSTAT_WIDTH", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
-    width: Option<u32>,
+    pub(super) width: Option<u32>,
     /// Pixels down; alone it keeps the scene's aspect ratio [default: the scene's, else 512]
     #[arg(long, value_name = "N", env = "HELIOSTAT_HEIGHT", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
-    height: Option<u32>,
+    pub(super) height: Option<u32>,
     /// Samples per pixel; 1 goes through the pixel's centre [default: the scene's, else 1]
     #[arg(long, value_name = "N", env = "HELIOSTAT_SPP", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
-    spp: Option<u32>,
+    pub(super) spp: Option<u32>,
     /// Sample each part of the image only until its error is below this; --spp is the most samples then [default: 65536]
     #[arg(long, value_name = "E", env = "HELIOSTAT_ERROR_TARGET", value_parser = positive, help_heading = "Image")]
-    error_target: Option<f64>,
+    pub(super) error_target: Option<f64>,
     /// What --error-target measures: root mean square error, relative mean square error, or root mean square error of sRGB display values
     #[arg(long, env = "HELIOSTAT_ERROR_METRIC", default_value = "rmse", help_heading = "Image")]
-    error_metric: ErrorMetric,
+    pub(super) error_metric: ErrorMetric,
     /// Begin no more samples when the next ones would end later than this; the image is whole, its error is told, and the exit code is 75 if more was asked for
     #[arg(long, value_name = "SECONDS", env = "HELIOSTAT_TIME_LIMIT", value_parser = seconds, help_heading = "Image")]
-    time_limit: Option<f64>,
+    pub(super) time_limit: Option<f64>,
     /// What is written beside the image, as layers of an .exr file; may be repeated
     #[arg(long, value_name = "LAYER", env = "HELIOSTAT_AOV", value_delimiter = ',', help_heading = "Image")]
-    aov: Vec<Aov>,
+    pub(super) aov: Vec<Aov>,
     /// Seed of all random numbers [default: the scene's, else 0]
     #[arg(long, value_name = "N", env = "HELIOSTAT_SEED", help_heading = "Image")]
-    seed: Option<u64>,
+    pub(super) seed: Option<u64>,
     /// How light is carried [default: the scene's, else whitted]
     #[arg(long, env = "HELIOSTAT_INTEGRATOR", help_heading = "Image")]
-    integrator: Option<Integrator>,
+    pub(super) integrator: Option<Integrator>,
     /// Bounces after the eye ray [default: the scene's, else 8, of paths 1000]
     #[arg(long, value_name = "N", env = "HELIOSTAT_MAX_DEPTH", help_heading = "Image")]
-    max_depth: Option<u32>,
+    pub(super) max_depth: Option<u32>,
     /// Bounces after which paths may end by chance, which changes no mean
     #[arg(long, value_name = "N", env = "HELIOSTAT_ROULETTE", default_value_t = ImageSettings::ROULETTE, help_heading = "Image")]
-    roulette: u32,
+    pub(super) roulette: u32,
     /// How paths find lights that have an extent
     #[arg(long, env = "HELIOSTAT_DIRECT", default_value = "both", help_heading = "Image")]
-    direct: Direct,
+    pub(super) direct: Direct,
     /// The random numbers that samples are made of [default: the scene's, else sobol]
     #[arg(long, env = "HELIOSTAT_SAMPLER", help_heading = "Image")]
-    sampler: Option<SamplerKind>,
+    pub(super) sampler: Option<SamplerKind>,
     /// End branches whose weight is below this; 0 ends none; not for paths [default: the scene's, else 0]
     #[arg(long, value_name = "X", env = "HELIOSTAT_MIN_WEIGHT", value_parser = weight, help_heading = "Image")]
-    min_weight: Option<f64>,
+    pub(super) min_weight: Option<f64>,
     /// Pixel filter [default: the scene's, else box]
     #[arg(long, env = "HELIOSTAT_FILTER", help_heading = "Image")]
-    filter: Option<Filter>,
+    pub(super) filter: Option<Filter>,
     /// Encoding of PNG files [default: the scene's, else srgb]
     #[arg(long, env = "HELIOSTAT_ENCODING", help_heading = "Image")]
-    encoding: Option<Encoding>,
+    pub(super) encoding: Option<Encoding>,
     /// Render only pixels X0 <= x < X1, Y0 <= y < Y1; row 0 is on top
     #[arg(long, value_name = "X0,Y0,X1,Y1", env = "HELIOSTAT_CROP", value_parser = crop, help_heading = "Image")]
-    crop: Option<Crop>,
+    pub(super) crop: Option<Crop>,
     /// What is seen: the scene, or the bounding spheres of its objects
     #[arg(long, env = "HELIOSTAT_SHOW", default_value = "scene", help_heading = "Image")]
-    show: Show,
+    pub(super) show: Show,
     /// The structure that finds hits; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_ACCEL", default_value = "bvh", help_heading = "Run")]
-    accel: AccelKind,
+    pub(super) accel: AccelKind,
     /// Time given to building the hierarchy, for less time of tracing; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_BUILD", default_value = "balanced", help_heading = "Run")]
-    build: BuildPreset,
+    pub(super) build: BuildPreset,
     /// Cells of --accel grid for each primitive; never changes a byte of the image
     #[arg(long, value_name = "X", env = "HELIOSTAT_GRID_DENSITY", default_value_t = BuildSettings::GRID_DENSITY, value_parser = density, help_heading = "Run")]
-    grid_density: f64,
+    pub(super) grid_density: f64,
     /// How ranks divide the work; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_SPLIT", default_value = "tiles", help_heading = "Run")]
-    split: Split,
+    pub(super) split: Split,
     /// How splits other than tiles deal the pixels to ranks
     #[arg(long, env = "HELIOSTAT_DEAL", default_value = "interleaved", help_heading = "Run")]
-    deal: Deal,
+    pub(super) deal: Deal,
     /// Memory of each rank for rays that travel, with --split triangles or voxels; more rays wait in temporary files
     #[arg(long, value_name = "BYTES", env = "HELIOSTAT_RAY_MEMORY", default_value = "256M", value_parser = bytes, help_heading = "Run")]
-    ray_memory: u64,
+    pub(super) ray_memory: u64,
     /// How the threads of a rank divide its work; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_WITHIN", default_value = "rays", help_heading = "Run")]
-    within: Within,
+    pub(super) within: Within,
     /// Threads of each rank [env: HELIOSTAT_THREADS, each rank's own] [default: the processors, divided among the ranks that share them]
     #[arg(long, value_name = "N", help_heading = "Run")]
-    threads: Option<NonZeroUsize>,
+    pub(super) threads: Option<NonZeroUsize>,
     /// Edge of a tile in pixels
     #[arg(long, value_name = "N", env = "HELIOSTAT_TILE_SIZE", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=4096), help_heading = "Run")]
-    tile_size: u32,
+    pub(super) tile_size: u32,
     /// Show progress on standard error
     #[arg(long, env = "HELIOSTAT_PROGRESS", default_value = "auto", help_heading = "Reports")]
-    progress: ProgressKind,
+    pub(super) progress: ProgressKind,
     /// Write statistics of every rank
     #[arg(long, value_name = "FILE.json", env = "HELIOSTAT_STATS", help_heading = "Reports")]
-    stats: Option<PathBuf>,
+    pub(super) stats: Option<PathBuf>,
     /// Write what each thread did when, as a Chrome trace (opens in Perfetto)
     #[arg(long, value_name = "FILE.json", env = "HELIOSTAT_TIMELINE", help_heading = "Reports")]
-    timeline: Option<PathBuf>,
+    pub(super) timeline: Option<PathBuf>,
     /// Print nothing but errors
     #[arg(short, long, env = "HELIOSTAT_QUIET", help_heading = "Reports")]
-    quiet: bool,
+    pub(super) quiet: bool,
     /// Print the settings and every rank's part
     #[arg(short, long, env = "HELIOSTAT_VERBOSE", conflicts_with = "quiet", help_heading = "Reports")]
-    verbose: bool,
+    pub(super) verbose: bool,
 }
 
 /// What can be written beside the image.
+
+/// What can be written beside the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Aov {
+pub(super) enum Aov {
     /// Of each pixel's mean: its standard error squared.
     Variance,
     /// What the first surface reflects.
@@ -152,164 +142,8 @@ enum Aov {
     Id,
 }
 
-/// What rank 0 alone keeps: where to write and what to say.
-struct Errand {
-    targets: Vec<Target>,
-    aov: Vec<Aov>,
-    stats: Option<PathBuf>,
-    timeline: Option<PathBuf>,
-    quiet: bool,
-    verbose: bool,
-}
-
-/// Collective: `args` are rank 0's.
-pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
-    comm.barrier();
-    let start = Instant::now();
-    let mut stats = RankStats { rank: comm.rank() as u32, ..RankStats::default() };
-
-    // What each rank must know before there is a scene.
-    let flag = share::computed(comm, || Ok(args.as_ref().and_then(|args| args.threads)))?;
-    let traced = share::computed(comm, || Ok(args.as_ref().is_some_and(|args| args.timeline.is_some())))?;
-    let pool = share::agreed(comm, job::thread_pool(threads::choose(comm, flag)?))?;
-    stats.threads = pool.current_num_threads() as u32;
-    let wide_pool = job::wide_pool(comm, &pool)?;
-    let wide = wide_pool.as_ref().unwrap_or(&pool);
-    let timeline = if traced { Timeline::starting_at(stats.rank, start) } else { Timeline::off() };
-    let progress = args.as_ref().map_or(ProgressKind::None, |args| args.progress).start();
-
-    // Rank 0 reads, checks and builds; then everybody has it.
-    let made = share::outcome(comm, || match args {
-        Some(args) => wide.install(|| prepare(args, &timeline, &mut stats)).map(Some),
-        None => Ok(None),
-    })?;
-    let (mut work, errand) = made.map_or((Work::default(), None), |(work, errand)| (work, Some(errand)));
-    let begin = Instant::now();
-    let crew = Crew { comm, pool: &pool, wide, timeline: &timeline, progress: &*progress };
-    job::distribute(&crew, &mut work)?;
-    stats.seconds.broadcast = begin.elapsed().as_secs_f64();
-    let rendered = job::render(&crew, &mut work, &mut stats)?;
-
-    // Rank 0 writes; a full disk is everybody's error.
-    let begin = Instant::now();
-    share::outcome(comm, || match (&rendered, &errand) {
-        (Some(rendered), Some(errand)) => {
-            let _span = timeline.span(0, "write");
-            write_image(rendered, &work, errand)
-        }
-        _ => Ok(()),
-    })?;
-    stats.seconds.write = begin.elapsed().as_secs_f64();
-    stats.bytes_sent = comm.bytes_sent();
-    let ranks = job::gather_stats(comm, &stats)?;
-    let events = job::gather_events(comm, &timeline)?;
-    share::outcome(comm, || match (errand, ranks, events, rendered) {
-        (Some(errand), Some(ranks), Some(events), Some(rendered)) => {
-            if let Some(path) = &errand.timeline {
-                timeline::write(path, &events)?;
-            }
-            let image = &work.image;
-            let seconds = start.elapsed().as_secs_f64();
-            let stats = Stats::new(image.width, image.height, image.spp, seconds, ranks);
-            report(&errand, &Stats { error: rendered.error, ..stats })?;
-            if rendered.complete { Ok(()) } else { Err(stopped(&rendered)) }
-        }
-        _ => Ok(()),
-    })
-}
-
-/// Rank 0: reads the scene, settles the settings, builds the accelerator.
-fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Work, Errand)> {
-    let errand = errand(&args)?;
-    let begin = Instant::now();
-    let span = timeline.span(0, "load");
-    let mut loaded = load::load(&args.scene)?;
-    drop(span);
-    stats.seconds.load = begin.elapsed().as_secs_f64();
-    let image = image_settings(&args, &loaded.image)?;
-    loaded.fit(image.width, image.height);
-    if image.show == Show::Bounds {
-        let (spheres, left_out) = loaded.scene.bounding_spheres();
-        loaded.scene = spheres;
-        if left_out > 0 {
-            let what = format!(
-                "{}: the camera is inside bounding spheres, which are left out: {left_out}",
-                args.scene.display()
-            );
-            loaded.warnings.push(what);
-        }
-    }
-    let run = RunSettings {
-        accel: args.accel,
-        build: BuildSettings { preset: args.build, grid_density: args.grid_density },
-        split: args.split,
-        within: args.within,
-        tile_size: args.tile_size,
-        deal: args.deal,
-        ray_memory: args.ray_memory,
-        time_limit: args.time_limit,
-    };
-    if run.split.is_partitioned() && run.within == Within::Triangles {
-        return Err(Error::usage(
-            "--within",
-            "triangles divides the whole scene, of which ranks have only a part with this --split",
-            "leave it out, or give --split tiles or stream",
-        ));
-    }
-    if !errand.quiet {
-        warn(&loaded.warnings);
-    }
-    if errand.verbose {
-        metadata::describe(&image).iter().for_each(|(key, value)| note(format_args!("{key}: {value}")));
-    }
-    let begin = Instant::now();
-    let _span = timeline.span(0, "build");
-    let surfaces = &loaded.scene.surfaces;
-    let accel = match run.within {
-        // A part of the scene gets its structure where it is.
-        Within::Rays if run.split.is_partitioned() => Accel::empty(run.accel),
-        Within::Rays => super::build_accel(run.accel, run.build, surfaces, &args.scene)?,
-        // Each rank builds for its own threads.
-        Within::Triangles => {
-            let needed = Accel::memory_to_build(run.accel, run.build.preset, surfaces)
-                + divided::BYTES_TO_DIVIDE * surfaces.len() as u64;
-            super::afford(needed, surfaces, &args.scene)?;
-            Accel::empty(run.accel)
-        }
-    };
-    stats.seconds.build = begin.elapsed().as_secs_f64();
-    Ok((Work { scene: loaded.scene, accel, image, run, division: None }, errand))
-}
-
-/// Whatever can be known to fail at the end is found out at the beginning.
-fn errand(args: &Args) -> Result<Errand> {
-    let mut outputs = args.output.clone();
-    if outputs.is_empty() {
-        let stem = args.scene.file_stem().map_or("image".into(), |stem| stem.to_string_lossy());
-        outputs.push(format!("{stem}.png"));
-    }
-    let targets = outputs.iter().map(|output| Target::parse(output)).collect::<Result<Vec<_>>>()?;
-    // Under a launcher nobody knows whether standard output is a terminal in the end.
-    let unknown = |target: &&Target| **target == Target::Stdout && cluster::is_launched();
-    targets.iter().filter(|target| !unknown(target)).try_for_each(Target::check_writable)?;
-    if !args.aov.is_empty() {
-        targets.iter().try_for_each(Target::check_layers)?;
-    }
-    for path in [&args.stats, &args.timeline].into_iter().flatten() {
-        file::check_writable(path)?;
-    }
-    Ok(Errand {
-        targets,
-        aov: args.aov.clone(),
-        stats: args.stats.clone(),
-        timeline: args.timeline.clone(),
-        quiet: args.quiet,
-        verbose: args.verbose,
-    })
-}
-
 /// Flags before the scene file, the scene file before the defaults.
-fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
+pub(super) fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
     let default = ImageSettings::default();
     let (width, height) = size(args, scene, &default)?;
     let whole = Crop { x0: 0, y0: 0, x1: width, y1: height };
@@ -375,63 +209,6 @@ fn size(args: &Args, scene: &ImageDefaults, default: &ImageSettings) -> Result<(
         ));
     }
     Ok((width, height))
-}
-
-fn write_image(rendered: &Rendered, work: &Work, errand: &Errand) -> Result<()> {
-    let mut metadata = metadata::describe(&work.image);
-    metadata.extend(rendered.error.iter().flat_map(metadata::describe_error));
-    let options = WriteOptions { encoding: work.image.encoding, metadata };
-    let layers = layers(rendered, &errand.aov);
-    // One folder that is gone must not cost the images that another would take.
-    let written: Vec<Result<()>> = errand
-        .targets
-        .iter()
-        .map(|target| write::write_with_layers(&rendered.image, &layers, target, &options))
-        .collect();
-    written.into_iter().collect()
-}
-
-fn layers(rendered: &Rendered, aov: &[Aov]) -> Vec<Layer> {
-    let Features { albedo, normal, position, depth, id } = rendered.features.clone().unwrap_or_default();
-    [
-        (Aov::Variance, Layer::variance(rendered.variance.clone().unwrap_or_default())),
-        (Aov::Albedo, Layer::albedo(albedo)),
-        (Aov::Normal, Layer::normal(normal)),
-        (Aov::Position, Layer::position(position)),
-        (Aov::Depth, Layer::depth(depth)),
-        (Aov::Id, Layer::id(id)),
-    ]
-    .into_iter()
-    .filter_map(|(kind, layer)| aov.contains(&kind).then_some(layer))
-    .collect()
-}
-
-fn stopped(rendered: &Rendered) -> Error {
-    let error = match &rendered.error {
-        Some(error) => format!("after {:.1} samples per pixel, RMSE {:.2e}", error.spp, error.rmse),
-        None => "before it was done".into(),
-    };
-    Error::Stopped(format!(
-        "--time-limit ended the render {error}; the image is whole, give more time for a better one"
-    ))
-}
-
-fn report(errand: &Errand, stats: &Stats) -> Result<()> {
-    if let Some(path) = &errand.stats {
-        stats.write(path)?;
-    }
-    if errand.verbose {
-        for rank in &stats.ranks {
-            note(rank);
-        }
-    }
-    if !errand.quiet {
-        note(stats);
-        for target in &errand.targets {
-            note(format_args!("wrote {target}"));
-        }
-    }
-    Ok(())
 }
 
 fn weight(text: &str) -> std::result::Result<f64, String> {
