@@ -42,6 +42,8 @@ pub struct ErrorReached {
     pub spp: f64,
 }
 
+/// A pixel that has less than this part of the allowed error is left alone though its block isn't good enough.
+const PART: f64 = 0.25;
 /// The quantile of 95 % of a normal distribution.
 const QUANTILE: f64 = 1.645;
 /// `output::compare`'s.
@@ -164,33 +166,47 @@ impl Estimate {
         (y - self.area.y0) as usize * self.area.width() as usize + (x - self.area.x0) as usize
     }
 
-    /// The blocks whose error isn't yet what it shall be.
+    /// The pixels that need more samples: of blocks whose error isn't yet what it shall be those that have a part in it, with their neighbours, which may have missed what these
+    /// have met. A block that was good enough once stays as it is.
     pub fn wanting(&self, settings: &ImageSettings, target: ErrorTarget, before: &Activity) -> Activity {
         let Crop { x0, y0, x1, y1 } = self.area;
         let goal = match target.metric {
             ErrorMetric::Relmse => target.value,
             ErrorMetric::Rmse | ErrorMetric::Display => target.value * target.value,
         };
-        let rows = y0 / BLOCK..y1.div_ceil(BLOCK);
-        let blocks = rows.flat_map(|row| (x0 / BLOCK..x1.div_ceil(BLOCK)).map(move |column| (column, row)));
-        let wanting = blocks.filter(|&(column, row)| {
-            let (left, top) = (column * BLOCK, row * BLOCK);
-            if !before.holds(top * settings.width + left) {
-                return false;
-            }
-            let (mut sum, mut count) = (0.0, 0.0);
-            for y in top..(top + BLOCK).min(y1) {
-                for x in left..(left + BLOCK).min(x1) {
-                    let Pixel { mean, variance, .. } = self.pixel(self.place(x, y));
-                    for k in 0..3 {
-                        sum += weight(target.metric, mean[k]) * variance[k];
-                        count += 1.0;
+        let mut wanting = Activity::none(settings, self.area);
+        let mut errors = [[0.0; BLOCK as usize]; BLOCK as usize];
+        for top in (y0..y1).step_by(BLOCK as usize) {
+            for left in (x0..x1).step_by(BLOCK as usize) {
+                let (columns, rows) = ((x1 - left).min(BLOCK) as usize, (y1 - top).min(BLOCK) as usize);
+                let (mut sum, mut active) = (0.0, false);
+                for row in 0..rows {
+                    for column in 0..columns {
+                        let (x, y) = (left + column as u32, top + row as u32);
+                        let Pixel { mean, variance, .. } = self.pixel(self.place(x, y));
+                        let weighted = |k: usize| weight(target.metric, mean[k]) * variance[k];
+                        errors[row][column] = (weighted(0) + weighted(1) + weighted(2)) / 3.0;
+                        sum += errors[row][column];
+                        active |= before.holds(y * settings.width + x);
+                    }
+                }
+                if !active || sum <= goal * (rows * columns) as f64 {
+                    continue;
+                }
+                for row in 0..rows {
+                    for column in 0..columns {
+                        let around = |at: usize, most: usize| at.saturating_sub(1)..(at + 2).min(most);
+                        let mut worst = around(row, rows)
+                            .flat_map(|row| around(column, columns).map(move |column| (row, column)))
+                            .map(|(row, column)| errors[row][column]);
+                        if worst.any(|error| error > goal * PART) {
+                            wanting.add(left + column as u32, top + row as u32);
+                        }
                     }
                 }
             }
-            sum > goal * count
-        });
-        Activity::of(settings, wanting)
+        }
+        wanting
     }
 
     /// What the samples say of the error of the asked-for part; `None` where variances aren't known.
@@ -341,10 +357,27 @@ mod tests {
         let all = Activity::all(&settings);
         // √(1/12 / 16) = 0.072.
         let wanting = estimate.wanting(&settings, target(0.06), &all);
-        assert!(!wanting.holds(0) && wanting.holds(8) && wanting.holds(127));
+        let right = (0..128).filter(|pixel| pixel % 16 >= 8).all(|pixel| wanting.holds(pixel));
+        assert!(right && (0..128).filter(|pixel| pixel % 16 < 8).all(|pixel| !wanting.holds(pixel)));
         assert!(estimate.wanting(&settings, target(0.09), &all).is_over());
         // What was good enough once isn't looked at again.
-        let none = Activity::of(&settings, std::iter::empty());
+        let none = Activity::none(&settings, settings.crop);
         assert!(estimate.wanting(&settings, target(0.001), &none).is_over());
+    }
+
+    #[test]
+    fn pixels_without_error_are_left_alone_but_for_neighbours_of_others() {
+        let settings = ImageSettings::sized(16, 8);
+        let round = Round { first: 0, count: 16, batches: 8 };
+        let mut estimate = Estimate::new(settings.crop, 1, 0.0).with_variances();
+        // One noisy pixel, (10, 0).
+        estimate.absorb(
+            film(&round, |pixel, sample| if pixel == 10 { dice(pixel, sample) } else { 0.5 }),
+            &round,
+        );
+        let target = ErrorTarget { metric: ErrorMetric::Rmse, value: 0.001 };
+        let wanting = estimate.wanting(&settings, target, &Activity::all(&settings));
+        let held: Vec<u32> = (0..128).filter(|&pixel| wanting.holds(pixel)).collect();
+        assert_eq!(held, [9, 10, 11, 25, 26, 27]);
     }
 }

@@ -3,15 +3,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::settings::{Crop, ImageSettings};
+use crate::settings::{Crop, ImageSettings, Integrator};
 
-/// Edge in pixels of the blocks that are sampled or not; they begin at the image's upper left corner.
+/// Edge in pixels of the blocks that decide by themselves whether they are good enough; they begin at the image's upper left corner.
 pub const BLOCK: u32 = 8;
 
-/// Samples of each pixel before the error is looked at for the first time, and the batches that they come in: so many means tell a variance.
-const FIRST: u32 = 16;
-const FIRST_BATCHES: u32 = 8;
-/// Batches of a later round.
+/// Batches of a round: so many means tell a variance.
 const BATCHES: u32 = 4;
 /// Batches where a single round shall tell a variance, and the most of any round: a film has planes for each.
 const MOST_BATCHES: u32 = 32;
@@ -38,6 +35,15 @@ impl Round {
     }
 }
 
+/// Samples of each pixel before the error is looked at for the first time. Edges of surfaces and shadows show early; paths may find a light by rare
+/// chance, and who stops before is wrong.
+fn first_look(settings: &ImageSettings) -> u32 {
+    match settings.integrator {
+        Integrator::Whitted => 4,
+        Integrator::Path => 16,
+    }
+}
+
 /// The rounds that an image may take; it ends before where it is good enough or time is over. With a time limit they begin with single samples.
 pub fn schedule(settings: &ImageSettings, timed: bool) -> Vec<Round> {
     let spp = settings.spp;
@@ -45,18 +51,19 @@ pub fn schedule(settings: &ImageSettings, timed: bool) -> Vec<Round> {
         let batches = if settings.variance { spp.min(MOST_BATCHES) } else { 1 };
         return vec![Round { first: 0, count: spp, batches }];
     }
+    let look = first_look(settings);
     let mut rounds = Vec::new();
     let mut first = 0;
     while first < spp {
-        let (count, batches) = match first {
-            _ if timed && first < FIRST => (first.max(1), first.clamp(1, BATCHES)),
-            0 => (FIRST, FIRST_BATCHES),
-            // 16, 24, 32, 48, 64, 96 and so on.
-            _ if first.is_power_of_two() => (first / 2, BATCHES),
-            _ => (first / 3, BATCHES),
+        let count = match first {
+            _ if timed && first < look => first.max(1),
+            0 => look,
+            // 4, 8, 12, 16, 24, 32, 48, 64, 96 and so on.
+            _ if first.is_power_of_two() => (first / 2).max(4),
+            _ => (first / 3).max(4),
         };
         let count = count.min(spp - first);
-        rounds.push(Round { first, count, batches: batches.min(count) });
+        rounds.push(Round { first, count, batches: count.min(BATCHES) });
         first += count;
     }
     rounds
@@ -73,46 +80,48 @@ pub fn area(settings: &ImageSettings) -> Crop {
     Crop { x0: down(x0), y0: down(y0), x1: up(x1, settings.width), y1: up(y1, settings.height) }
 }
 
-/// Which blocks of the image are still sampled.
+/// Which pixels are still sampled.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Activity {
+    /// Of the whole image.
     width: u32,
-    columns: u32,
-    /// One bit for each block, row by row; empty while all are.
+    area: Option<Crop>,
+    /// One bit for each pixel of the area, row by row; empty while all are.
     bits: Vec<u64>,
 }
 
 impl Activity {
     /// All pixels of an image.
     pub fn all(settings: &ImageSettings) -> Self {
-        Activity { width: settings.width, columns: settings.width.div_ceil(BLOCK), bits: Vec::new() }
+        Activity { width: settings.width, ..Activity::default() }
     }
 
-    /// The blocks that are told, by column and row.
-    pub fn of(settings: &ImageSettings, blocks: impl Iterator<Item = (u32, u32)>) -> Self {
-        let mut activity = Activity::all(settings);
-        let count = activity.columns as usize * settings.height.div_ceil(BLOCK) as usize;
-        activity.bits = vec![0; count.div_ceil(64).max(1)];
-        for (column, row) in blocks {
-            let block = row as usize * activity.columns as usize + column as usize;
-            activity.bits[block / 64] |= 1 << (block % 64);
+    /// No pixels yet, of a part of the image.
+    pub fn none(settings: &ImageSettings, area: Crop) -> Self {
+        let pixels = area.width() as usize * area.height() as usize;
+        Activity { width: settings.width, area: Some(area), bits: vec![0; pixels.div_ceil(64).max(1)] }
+    }
+
+    /// Adds a pixel of the area.
+    pub fn add(&mut self, x: u32, y: u32) {
+        if let Some(area) = self.area {
+            let place = (y - area.y0) as usize * area.width() as usize + (x - area.x0) as usize;
+            self.bits[place / 64] |= 1 << (place % 64);
         }
-        activity
     }
 
-    /// Whether no block is.
+    /// Whether none is.
     pub fn is_over(&self) -> bool {
         !self.bits.is_empty() && self.bits.iter().all(|&bits| bits == 0)
     }
 
-    /// Whether a pixel (y * width + x) is.
+    /// Whether a pixel (y * width + x) of the area is.
     #[inline]
     pub fn holds(&self, pixel: u32) -> bool {
-        self.bits.is_empty() || {
-            let (column, row) = (pixel % self.width / BLOCK, pixel / self.width / BLOCK);
-            let block = row as usize * self.columns as usize + column as usize;
-            self.bits[block / 64] >> (block % 64) & 1 == 1
-        }
+        let Some(area) = self.area else { return true };
+        let (x, y) = (pixel % self.width - area.x0, pixel / self.width - area.y0);
+        let place = y as usize * area.width() as usize + x as usize;
+        self.bits[place / 64] >> (place % 64) & 1 == 1
     }
 }
 
@@ -143,8 +152,13 @@ mod tests {
                 assert!(rounds.len() < 40);
             }
         }
-        let starts: Vec<u32> = schedule(&settings(300), false).iter().map(|round| round.first).collect();
-        assert_eq!(starts, [0, 16, 24, 32, 48, 64, 96, 128, 192, 256]);
+        let starts = |settings: &ImageSettings| -> Vec<u32> {
+            schedule(settings, false).iter().map(|round| round.first).collect()
+        };
+        let whitted = settings(200);
+        assert_eq!(starts(&whitted), [0, 4, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192]);
+        let path = ImageSettings { integrator: Integrator::Path, ..whitted };
+        assert_eq!(starts(&path), [0, 16, 24, 32, 48, 64, 96, 128, 192]);
     }
 
     #[test]
@@ -152,11 +166,15 @@ mod tests {
         let mut settings = settings(16);
         settings.crop = Crop { x0: 9, y0: 8, x1: 49, y1: 9 };
         assert_eq!(area(&settings), Crop { x0: 8, y0: 8, x1: 50, y1: 16 });
-        let activity = Activity::of(&settings, [(1, 0), (6, 3)].into_iter());
-        let held: Vec<u32> = (0..50 * 30).filter(|&pixel| activity.holds(pixel)).collect();
-        assert_eq!(held.len(), 64 + 2 * 6);
-        assert!(held.iter().all(|pixel| (8..16).contains(&(pixel % 50)) || pixel % 50 >= 48));
-        assert!(!activity.is_over() && !Activity::all(&settings).is_over());
-        assert!(Activity::of(&settings, std::iter::empty()).is_over());
+        let mut activity = Activity::none(&settings, area(&settings));
+        assert!(activity.is_over() && !Activity::all(&settings).is_over());
+        activity.add(8, 8);
+        activity.add(49, 15);
+        let held: Vec<(u32, u32)> = (8..16)
+            .flat_map(|y| (8..50).map(move |x| (x, y)))
+            .filter(|(x, y)| activity.holds(y * 50 + x))
+            .collect();
+        assert_eq!(held, [(8, 8), (49, 15)]);
+        assert!(!activity.is_over());
     }
 }
