@@ -30,6 +30,7 @@ use crate::scene::generate::teapot::teapot;
 use crate::scene::light::LightShape;
 use crate::scene::mesh::MeshMut;
 use crate::scene::{Camera, Material, SceneHeader};
+use crate::settings::Integrator;
 
 /// Reads a scene file and all that it names.
 ///
@@ -105,9 +106,13 @@ fn describe(source: &Source) -> Result<Description> {
         objects.push(object);
     }
     let shines = |entry: &NamedMaterial| entry.material.emission != [0.0; 3];
+    // Paths find light wherever it comes from.
+    let sky = header.environment.is_some()
+        || (image.integrator == Some(Integrator::Path) && header.background != [0.0; 3]);
+    let lit = sky || !header.lights.is_empty() || header.ambient != [0.0; 3] || materials.iter().any(shines);
     if objects.is_empty() {
         warnings.push(format!("{}: no objects: the image shows the background", source.file.display()));
-    } else if header.lights.is_empty() && header.ambient == [0.0; 3] && !materials.iter().any(shines) {
+    } else if !lit {
         warnings.push(format!("{}: no light: all surfaces are black", source.file.display()));
     }
     Ok(Description { header, camera, lights, image, materials, objects, warnings })

@@ -416,7 +416,11 @@ fn what_has_no_effect_is_warned_of() {
         warnings("[render]\nambient = 1\n[[material]]\nname = 'a'\nfresnel = true\n[[object]]\ntype = 'box'"),
         ["scene.toml:4: `fresnel` has no effect on a material without `kt`"]
     );
-    assert_eq!(warnings("[[object]]\ntype = 'box'"), ["scene.toml: no light: all surfaces are black"]);
+    let dark = ["scene.toml: no light: all surfaces are black"];
+    assert_eq!(warnings("[[object]]\ntype = 'box'"), dark);
+    assert_eq!(warnings("[render]\nbackground = 1\n[[object]]\ntype = 'box'"), dark);
+    let text = "[render]\nbackground = 1\nintegrator = 'path'\n[[object]]\ntype = 'box'";
+    assert!(warnings(text).is_empty());
 }
 
 proptest! {
