@@ -173,6 +173,56 @@ fn strategies_are_measured_and_drawn() {
 }
 
 #[test]
+fn error_against_time_is_measured_written_and_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, whitted) = (scene("cornell-path.toml"), scene("orthographic.toml"));
+    let small = ["bench", "error", "--width", "16", "--height", "12", "--seeds", "2", "--rounds", "1"];
+    let run = |more: &[&str]| {
+        let output = heliostat(folder.path(), &[&small[..], more].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        (text(&output.stdout), text(&output.stderr))
+    };
+    let flags =
+        ["--samplers", "independent,sobol", "--reference-spp", "64", "--cache", "kept", "--limit", "1e6"];
+    let files = ["--csv", "a.csv", "--json", "a.json", "--svg", "a.svg"];
+    let (table, said) = run(&[&[&*path, &*whitted][..], &flags, &files, &["--max-spp", "16"]].concat());
+    assert!(table.contains("cornell-path: 16 × 12, path") && table.contains("slope -0."), "{table}");
+    assert!(said.contains("cornell-path: rendering a reference of 64 samples per pixel"), "{said}");
+    let csv = std::fs::read_to_string(folder.path().join("a.csv")).unwrap();
+    let cells: Vec<usize> = csv.lines().map(|line| line.split(',').count()).collect();
+    // Two curves each of 4 and 16 samples, without paths of 1, too.
+    assert_eq!(cells, vec![cells[0]; 1 + 2 * 2 + 2 * 3], "{csv}");
+    let read = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(folder.path().join(name)).unwrap()).unwrap()
+    };
+    let json = read("a.json");
+    assert_eq!((&json["ranks"], &json["scenes"][1]["integrator"]), (&1.into(), &"whitted".into()));
+    let first = &json["scenes"][0]["curves"][0];
+    assert_eq!((&first["sampler"], &first["rungs"][1]["spp"]), (&"independent".into(), &16.into()));
+    assert!(first["rungs"][1]["rmse"].as_f64() < first["rungs"][0]["rmse"].as_f64());
+    for name in ["a-cornell-path.svg", "a-orthographic.svg"] {
+        let svg = std::fs::read_to_string(folder.path().join(name)).unwrap();
+        assert!(svg.matches("<polyline").count() == 2 && svg.contains("on the Pareto front"), "{name}");
+    }
+    assert_eq!(std::fs::read_dir(folder.path().join("kept")).unwrap().count(), 2);
+
+    let more =
+        ["--adaptive", "--targets", "0.3", "--spp", "4", "--filters", "box,tent", "--accels", "bvh,grid"];
+    let (table, said) = run(&[&[&*path][..], &flags, &more, &["--json", "b.json"]].concat());
+    // That of the box filter is kept.
+    assert_eq!(said.lines().count(), 1, "{said}");
+    assert!(table.contains("sobol tent grid adaptive"), "{table}");
+    assert_eq!(read("b.json")["scenes"][0]["curves"].as_array().unwrap().len(), 2 * 2 * 2 * 2);
+
+    refuses(&["bench", "error"], 2, &["SCENE", "no scenes/cornell-path.toml here", "name a scene"]);
+    refuses(&["bench", "error", &path, "--samplers", "halton"], 2, &["--samplers", "sobol"]);
+    refuses(&["bench", "error", &path, "--reference-spp", "7"], 2, &["--reference-spp", "8..=65536"]);
+    refuses(&["bench", "error", &path, "--targets", "0.1"], 2, &["--adaptive"]);
+    refuses(&["bench", "error", &path, "--csv", "no/such/a.csv"], 1, &["no/such"]);
+    refuses(&["bench", "error", "nowhere.toml"], 1, &["nowhere.toml"]);
+}
+
+#[test]
 fn means_are_tested_by_the_variances_of_exr_layers() {
     use heliostat::image::{Image, Layer};
     use heliostat::output::write::{Target, WriteOptions, write_with_layers};

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::{builds, print, strategies};
+use super::{builds, error_curve, print, strategies};
 use crate::accel::wide::level::{Level, Traversal};
 use crate::cluster::{Solo, threads};
 use crate::error::{Error, Result};
@@ -24,6 +24,8 @@ pub enum Command {
     Strategies(strategies::Args),
     /// Time and memory of building each structure on terrain of growing size.
     Builds(builds::Args),
+    /// Error against time: images of growing effort beside a reference. Under mpirun all ranks render them.
+    Error(Box<error_curve::Args>),
 }
 
 #[derive(Debug, clap::Args)]

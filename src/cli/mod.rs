@@ -4,6 +4,8 @@ mod bench;
 mod builds;
 mod compare;
 mod convert;
+mod error_curve;
+mod error_report;
 mod info;
 mod manual;
 mod probe;
@@ -70,6 +72,7 @@ enum Collective {
     No,
     Render,
     Stress,
+    ErrorCurve,
 }
 
 /// Runs the program; its exit code.
@@ -85,6 +88,7 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Ok(match command {
             Some(Command::Render(_)) => Collective::Render,
             Some(Command::Stress(_)) => Collective::Stress,
+            Some(Command::Bench(bench::Command::Error(_))) => Collective::ErrorCurve,
             _ => Collective::No,
         })
     })?;
@@ -104,6 +108,13 @@ fn run(comm: &dyn Comm) -> Result<()> {
             });
             return stress::run(comm, args);
         }
+        Collective::ErrorCurve => {
+            let args = command.and_then(|command| match command {
+                Command::Bench(bench::Command::Error(args)) => Some(*args),
+                _ => None,
+            });
+            return error_curve::run(comm, args);
+        }
     }
     share::outcome(comm, || match command {
         Some(Command::Info(args)) => info::run(&args),
@@ -116,7 +127,9 @@ fn run(comm: &dyn Comm) -> Result<()> {
         Some(Command::Bench(bench::Command::Builds(args))) => builds::run(&args),
         Some(Command::Completions(args)) => manual::completions(&args, Cli::command()),
         Some(Command::Man(args)) => manual::man(&args, Cli::command()),
-        Some(Command::Render(_) | Command::Stress(_)) | None => Ok(()),
+        Some(Command::Render(_) | Command::Stress(_) | Command::Bench(bench::Command::Error(_))) | None => {
+            Ok(())
+        }
     })
 }
 

@@ -3,6 +3,7 @@
 pub mod aim;
 pub mod builds;
 pub mod dyadic;
+pub mod error_curve;
 mod footing;
 pub mod judge;
 pub mod kernels;

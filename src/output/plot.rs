@@ -47,7 +47,10 @@ impl Series {
     }
 }
 
+/// The picture's; it grows where names are long.
 const WIDTH: f64 = 800.0;
+/// Of a name's letter, at most about.
+const LETTER: f64 = 7.5;
 /// The frame: left, right, upper and lower edge; it grows downwards where there are many names.
 const FRAME: [f64; 4] = [72.0, 550.0, 40.0, 424.0];
 /// Between the names beside the frame.
@@ -99,12 +102,14 @@ impl Plot {
         let [left, right, top, bottom] = FRAME;
         let bottom = bottom.max(top + ROW * (self.series.len() + 1) as f64);
         let height = bottom + 56.0;
+        let longest = self.series.iter().map(|series| series.name.chars().count()).max().unwrap_or(0);
+        let width = WIDTH.max(right + 74.0 + LETTER * longest as f64);
         let points = || self.series.iter().flat_map(|series| &series.points);
         let x = Range::over(points().map(|point| point.0), self.x.scale, left, right);
         let y = Range::over(points().map(|point| point.1), self.y.scale, bottom, top);
         let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" font-family=\"sans-serif\" font-size=\"13\">\n\
-             <rect width=\"{WIDTH}\" height=\"{height}\" fill=\"white\"/>\n"
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" font-size=\"13\">\n\
+             <rect width=\"{width}\" height=\"{height}\" fill=\"white\"/>\n"
         );
         let (middle_x, middle_y) = (0.5 * (left + right), 0.5 * (top + bottom));
         text(&mut svg, (middle_x, top - 16.0), MIDDLE, &self.title);
@@ -347,6 +352,16 @@ mod tests {
         let rows = spread(&[99.0, 98.0, 97.0], 0.0, 100.0);
         assert_eq!(rows, [100.0, 82.0, 64.0]);
         assert_eq!(spread(&[-5.0, -5.0], 0.0, 100.0), [0.0, 18.0]);
+    }
+
+    #[test]
+    fn long_names_have_room() {
+        let svg = |name: &str| {
+            let series = Series::new(0, name, vec![(1.0, 1.0)]);
+            Plot::new("", ("", Scale::Log), ("", Scale::Log), vec![series]).svg()
+        };
+        assert!(svg("independent").contains("viewBox=\"0 0 800 480\""));
+        assert!(svg(&"m".repeat(40)).contains("viewBox=\"0 0 924 480\""));
     }
 
     #[test]

@@ -145,7 +145,7 @@ pub(super) enum Aov {
 /// Flags before the scene file, the scene file before the defaults.
 pub(super) fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<ImageSettings> {
     let default = ImageSettings::default();
-    let (width, height) = size(args, scene, &default)?;
+    let (width, height) = size((args.width, args.height), scene, &default)?;
     let whole = Crop { x0: 0, y0: 0, x1: width, y1: height };
     let crop = args.crop.unwrap_or(whole);
     if crop.x1 > width || crop.y1 > height {
@@ -188,13 +188,17 @@ pub(super) fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<Image
     })
 }
 
-/// A single flag keeps the aspect ratio.
-fn size(args: &Args, scene: &ImageDefaults, default: &ImageSettings) -> Result<(u32, u32)> {
+/// Of an image: a single flag, width or height, keeps the aspect ratio.
+pub(super) fn size(
+    flags: (Option<u32>, Option<u32>),
+    scene: &ImageDefaults,
+    default: &ImageSettings,
+) -> Result<(u32, u32)> {
     let (w, h) = (scene.width.unwrap_or(default.width), scene.height.unwrap_or(default.height));
     let keep = |given: u32, from: u32, to: u32| {
         (f64::from(given) * f64::from(to) / f64::from(from)).round().clamp(1.0, 65536.0) as u32
     };
-    let (width, height) = match (args.width, args.height) {
+    let (width, height) = match flags {
         (Some(width), Some(height)) => (width, height),
         (Some(width), None) => (width, keep(width, w, h)),
         (None, Some(height)) => (keep(height, h, w), height),
@@ -218,14 +222,14 @@ fn weight(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-fn positive(text: &str) -> std::result::Result<f64, String> {
+pub(super) fn positive(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
         _ => Err("give a finite number above 0".into()),
     }
 }
 
-fn seconds(text: &str) -> std::result::Result<f64, String> {
+pub(super) fn seconds(text: &str) -> std::result::Result<f64, String> {
     positive(text)
         .ok()
         .filter(|&seconds| seconds <= 1e9)

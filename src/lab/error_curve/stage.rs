@@ -1,0 +1,101 @@
+//! Renders on demand: rank 0 says which, all ranks do it. Must not know why.
+
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use crate::cluster::share::computed;
+use crate::error::Result;
+use crate::job::{self, Crew, Rendered, Work};
+use crate::output::stats::{RankStats, Stats};
+use crate::settings::ImageSettings;
+
+/// All ranks with their work, as rank 0 sees them.
+pub struct Stage<'a> {
+    crew: &'a Crew<'a>,
+    works: Vec<Work>,
+    /// After an error of a render nobody knows where the other ranks are.
+    in_step: bool,
+}
+
+/// One render, by its number among the works.
+#[derive(Serialize, Deserialize)]
+struct Order {
+    work: u32,
+    image: ImageSettings,
+}
+
+/// What came of a render.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    pub rendered: Rendered,
+    /// Wall seconds of the render phase: from the first look at the image to its last pixel on rank 0.
+    pub seconds: f64,
+    /// The longest trace of any rank, which is most of that.
+    pub trace_seconds: f64,
+    /// Of all ranks.
+    pub rays: u64,
+    pub threads: u32,
+}
+
+/// Collective: distributes rank 0's `works`; then rank 0 leads, and the others render what it says until it is done. Rank 0 gets what `lead` made.
+///
+/// # Errors
+/// Those of `lead` and of any render, on all ranks.
+pub fn perform<T>(
+    crew: &Crew,
+    mut works: Vec<Work>,
+    lead: impl FnOnce(&mut Stage) -> Result<T>,
+) -> Result<Option<T>> {
+    let count = computed(crew.comm, || Ok(works.len() as u64))?;
+    works.resize_with(count as usize, Work::default);
+    works.iter_mut().try_for_each(|work| job::distribute(crew, work))?;
+    let mut stage = Stage { crew, works, in_step: true };
+    if crew.comm.rank() > 0 {
+        while let Some(order) = computed(crew.comm, || Ok(None))? {
+            stage.render(&order)?;
+        }
+        return Ok(None);
+    }
+    let led = lead(&mut stage);
+    if !stage.in_step {
+        return led.map(Some);
+    }
+    let mut made = None;
+    computed(crew.comm, || {
+        made = Some(led?);
+        Ok(None::<Order>)
+    })?;
+    Ok(made)
+}
+
+impl Stage<'_> {
+    /// On rank 0: renders a work with these settings.
+    pub fn shoot(&mut self, work: usize, image: &ImageSettings) -> Result<Shot> {
+        let order = Order { work: work as u32, image: image.clone() };
+        self.in_step = false;
+        let order = computed(self.crew.comm, || Ok(Some(order)))?;
+        let shot = order.map(|order| self.render(&order)).transpose()?.flatten();
+        self.in_step = true;
+        Ok(shot.expect("rank 0 has the image"))
+    }
+
+    fn render(&mut self, order: &Order) -> Result<Option<Shot>> {
+        let comm = self.crew.comm;
+        let work = &mut self.works[order.work as usize];
+        work.image = order.image.clone();
+        let threads = self.crew.pool.current_num_threads() as u32;
+        let mut stats = RankStats { rank: comm.rank() as u32, threads, ..RankStats::default() };
+        comm.barrier();
+        let begin = Instant::now();
+        let rendered = job::render(self.crew, work, &mut stats)?;
+        let seconds = begin.elapsed().as_secs_f64();
+        let ranks = job::gather_stats(comm, &stats)?;
+        Ok(rendered.zip(ranks).map(|(rendered, ranks)| {
+            let (width, height) = (rendered.image.width, rendered.image.height);
+            let totals = Stats::new(width, height, order.image.spp, seconds, ranks).totals;
+            let (trace_seconds, rays, threads) = (totals.trace_seconds, totals.all_rays, totals.threads);
+            Shot { rendered, seconds, trace_seconds, rays, threads }
+        }))
+    }
+}
