@@ -135,12 +135,22 @@ impl Grid {
             return Answer::MISS;
         }
         if !self.lattice.serves(ray.origin.to_array()) {
-            // Some more than once, which changes nothing.
-            return brute::answer(surfaces, self.primitives.iter().copied(), ray, any);
+            return brute::answer(surfaces, self.distinct(surfaces), ray, any);
         }
         let mut tester = Tester::new(surfaces, ray);
         self.walk(&mut tester, any);
         tester.verdict(any)
+    }
+
+    /// Each primitive once, though most reach into several cells.
+    fn distinct(&self, surfaces: &Surfaces) -> impl Iterator<Item = u32> + '_ {
+        let mut seen = vec![0u64; surfaces.len().div_ceil(64)];
+        self.primitives.iter().copied().filter(move |&id| {
+            let (word, bit) = (&mut seen[id as usize / 64], 1 << (id % 64));
+            let is_new = *word & bit == 0;
+            *word |= bit;
+            is_new
+        })
     }
 
     fn walk(&self, tester: &mut Tester, any: bool) {

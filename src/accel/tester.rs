@@ -70,7 +70,7 @@ impl<'a> Tester<'a> {
     }
 
     /// Tests one primitive.
-    #[inline]
+    #[inline(always)]
     pub fn test(&mut self, primitive: u32) {
         if (primitive as usize) < self.surfaces.triangles.len() {
             self.test_triangle(primitive);
@@ -79,13 +79,13 @@ impl<'a> Tester<'a> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn test_triangle(&mut self, primitive: u32) {
         self.test_corners(primitive, &corners(self.surfaces, primitive));
     }
 
     /// Tests a triangle whose corners are at hand.
-    #[inline]
+    #[inline(always)]
     pub fn test_corners(&mut self, primitive: u32, corners: &[[f64; 3]; 3]) {
         if primitive != self.start {
             self.offer_hit(primitive, self.meet(corners));
@@ -93,7 +93,7 @@ impl<'a> Tester<'a> {
     }
 
     /// Where the ray, whatever its range, meets a triangle that it doesn't start on.
-    #[inline]
+    #[inline(always)]
     pub fn meet(&self, corners: &[[f64; 3]; 3]) -> Option<TriangleHit> {
         match &self.start_triangle {
             None => triangle::intersect(&self.ray, corners),
@@ -181,13 +181,13 @@ impl<'a> Tester<'a> {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn corners(surfaces: &Surfaces, primitive: u32) -> [[f64; 3]; 3] {
     let [a, b, c] = surfaces.triangle(primitive);
     [widened(a), widened(b), widened(c)]
 }
 
-#[inline]
+#[inline(always)]
 fn widened(v: [f32; 3]) -> [f64; 3] {
     [f64::from(v[0]), f64::from(v[1]), f64::from(v[2])]
 }

@@ -14,7 +14,9 @@
 //! In doubt are the distance of a plane that holds the computed point to within `RADIUS`, and the side on which the ray passes an edge that it comes as near to. For each edge that is settled from
 //! the edge, the ray and S alone: both triangles beside it see the ray pass on the same side, so there are no cracks between them. Everything else is the ordinary test's.
 
-use super::triangle::{Sheared, TriangleHit, clamp_to_triangle, meet_plane};
+use std::cell::OnceCell;
+
+use super::triangle::{Sheared, TriangleHit, clamp_to_triangle, has_one_sign, meet_plane};
 use super::twofold::{Twofold, differences, twofold_cross, twofold_dot};
 use super::{Prepared, cross, dot, norm_max, sub};
 
@@ -28,14 +30,19 @@ const FARTHEST: f64 = 1.0 / 17_179_869_184.0;
 /// Twofold arithmetic is off by some 2^-100 of the products' magnitudes: below this times `spread`·|f|, n·f is 0.
 const LEVEL: f64 = 1.0 / (1u128 << 92) as f64;
 
+/// 2^-900.
+const UNDERFLOW: f64 = f64::MIN_POSITIVE * (1u128 << 122) as f64;
+
 /// The triangle that a ray starts on.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Start {
     vertices: [[f64; 3]; 3],
     /// The computed start.
     origin: [f64; 3],
     /// The largest magnitude of a coordinate of these.
     reach: f64,
+    /// Its weights, once a triangle has asked for them: few rays ever do, some for hundreds of triangles.
+    weights: OnceCell<[Twofold; 3]>,
 }
 
 impl Start {
@@ -43,31 +50,32 @@ impl Start {
     #[inline]
     pub fn new(vertices: [[f64; 3]; 3], origin: [f64; 3]) -> Self {
         let reach = vertices.iter().fold(norm_max(origin), |m, &v| m.max(norm_max(v)));
-        Start { vertices, origin, reach }
+        Start { vertices, origin, reach, weights: OnceCell::new() }
     }
 
     /// Whether and where the ray, which starts on this triangle, meets another one.
     pub fn meet(&self, ray: &Prepared, other: &[[f64; 3]; 3]) -> Option<TriangleHit> {
         let mut sheared = Sheared::new(ray, other);
-        let mut settled = None;
-        for k in 0..3 {
-            let (p, q) = (other[(k + 1) % 3], other[(k + 2) % 3]);
-            let reach = self.reach.max(norm_max(p)).max(norm_max(q));
-            if sheared.weights[k].abs() <= sheared.doubt(k, RADIUS * reach) {
-                // Sheared, d is the z axis: (p × q)·d = d_z (p × q)_z, which the weights have with the opposite sign.
-                sheared.weights[k] = -self.edge(ray, p, q) / ray.direction[ray.kz];
-                settled = Some(4.0 * FARTHEST * self.reach.max(norm_max(other[k])).max(reach));
-            }
+        // No doubt reaches farther than this: what lies beyond needs no further question.
+        let farthest = 4.0 * FARTHEST * other.iter().fold(self.reach, |m, &v| m.max(norm_max(v)));
+        if !sheared.is_within(farthest) {
+            return None;
         }
-        let crossed = match settled {
-            Some(aside) => sheared.has_one_sign() && sheared.is_within(aside),
-            None => sheared.is_crossed(),
+        let open = [0, 1, 2].map(|k| {
+            let reach = self.reach.max(norm_max(other[(k + 1) % 3])).max(norm_max(other[(k + 2) % 3]));
+            sheared.weights[k].abs() <= sheared.doubt(k, RADIUS * reach)
+        });
+        let is_crossed = if open.contains(&true) {
+            sheared.weights = self.settle(ray, other, sheared.weights, open)?;
+            has_one_sign(sheared.weights)
+        } else {
+            sheared.is_crossed()
         };
-        if !crossed {
+        if !is_crossed {
             return None;
         }
         // The computed line comes as near to a side that is settled as its doubt, and to the triangle, be it a needle, as its box says.
-        let aside = settled.map_or(0.0, |aside| 2.0 * aside);
+        let aside = if open.contains(&true) { 2.0 * farthest } else { 0.0 };
         let (e1, e2) = (sub(other[1], other[0]), sub(other[2], other[0]));
         let to_plane = dot(cross(e1, e2), sub(other[0], ray.origin));
         let largest = largest_on_axes([self.reach; 3], other);
@@ -79,9 +87,44 @@ impl Start {
         Some(TriangleHit { t, weights: sheared.weights })
     }
 
-    /// Barycentric weights of the start, each above 0, their sum exactly 1. Few rays ever ask for them.
-    #[cold]
+    /// The weights with those settled that are `open`; `None` as soon as two have opposite signs, whatever is still open.
+    fn settle(
+        &self,
+        ray: &Prepared,
+        other: &[[f64; 3]; 3],
+        mut weights: [f64; 3],
+        open: [bool; 3],
+    ) -> Option<[f64; 3]> {
+        // Sheared, d is the z axis: (p × q)·d = d_z (p × q)_z, which the weights have with the opposite sign.
+        let dz = ray.direction[ray.kz];
+        let side = |k: usize| (other[(k + 1) % 3], other[(k + 2) % 3]);
+        for k in (0..3).filter(|&k| open[k]) {
+            weights[k] = 0.0;
+        }
+        for k in (0..3).filter(|&k| open[k]) {
+            if !has_one_sign(weights) {
+                return None;
+            }
+            let (p, q) = side(k);
+            weights[k] = -self.edge_sign(ray, p, q) * dz;
+        }
+        if !has_one_sign(weights) {
+            return None;
+        }
+        for k in (0..3).filter(|&k| open[k]) {
+            let (p, q) = side(k);
+            weights[k] = -self.edge(ray, p, q) / dz;
+        }
+        Some(weights)
+    }
+
+    /// Barycentric weights of the start, each above 0, their sum exactly 1.
     fn weights(&self) -> [Twofold; 3] {
+        *self.weights.get_or_init(|| self.find_weights())
+    }
+
+    #[cold]
+    fn find_weights(&self) -> [Twofold; 3] {
         let Start { vertices, origin, .. } = *self;
         let sides: [[f64; 3]; 3] = std::array::from_fn(|k| sub(vertices[(k + 2) % 3], vertices[(k + 1) % 3]));
         let length2 = sides.map(|side| dot(side, side));
@@ -138,6 +181,24 @@ impl Start {
         (t >= -here).then(|| t.max(0.0))
     }
 
+    /// The sign of `edge` if plain f64 can tell it, else 0.
+    ///
+    /// Differences, products and sums round the term of each vertex by less than 8 u of its magnitudes' sum; its weight and adding up take 4 u more.
+    fn edge_sign(&self, ray: &Prepared, p: [f64; 3], q: [f64; 3]) -> f64 {
+        let (side, steep) = (sub(q, p), ray.direction.map(f64::abs));
+        let (mut sum, mut magnitude) = (0.0, 0.0);
+        for (&vertex, weight) in self.vertices.iter().zip(self.weights()) {
+            if vertex != p && vertex != q {
+                let (from, weight) = (sub(p, vertex), weight.value());
+                sum += weight * dot(ray.direction, cross(from, side));
+                magnitude += weight.abs() * dot(steep, spread(from, side));
+            }
+        }
+        // What underflows is far below 2^-900.
+        let is_sure = sum.abs() > 32.0 * (f64::EPSILON / 2.0) * magnitude + UNDERFLOW;
+        if is_sure { sum.signum() } else { 0.0 }
+    }
+
     /// d · ((p − o) × (q − o)): on which side of the edge the ray from the true start passes. Of the same edge the other way round exactly the negative.
     #[cold]
     fn edge(&self, ray: &Prepared, p: [f64; 3], q: [f64; 3]) -> f64 {
@@ -147,10 +208,13 @@ impl Start {
         let direction = ray.direction.map(Twofold::from);
         let side = differences(q, p);
         // (p − o) × (q − o) = (p − o) × (q − p), and a vertex of S on the edge's line gives 0.
-        let sum =
-            self.vertices.iter().zip(self.weights()).fold(Twofold::from(0.0), |sum, (vertex, weight)| {
-                sum + weight * twofold_dot(&direction, &twofold_cross(&differences(p, *vertex), &side))
-            });
+        let mut sum = Twofold::from(0.0);
+        for (&vertex, weight) in self.vertices.iter().zip(self.weights()) {
+            if vertex != p && vertex != q {
+                let moment = twofold_cross(&differences(p, vertex), &side);
+                sum = sum + weight * twofold_dot(&direction, &moment);
+            }
+        }
         sum.value()
     }
 }
@@ -194,6 +258,36 @@ mod tests {
         });
         assert!(answers.iter().all(|&answer| answer == answers[0]), "{answers:?}");
         answers[0]
+    }
+
+    #[test]
+    fn plain_signs_of_edges_never_contradict_exact_ones() {
+        let mut state = 1u64;
+        let mut unit = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / 9_007_199_254_740_992.0
+        };
+        let mut sure = 0;
+        for case in 0..100_000 {
+            let mut point = || DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5);
+            let rounded = |v: DVec3| v.to_array().map(|c| f64::from(c as f32));
+            let own = [rounded(point()), rounded(point()), rounded(point())];
+            let (far, aimed) = (rounded(point()), point());
+            let [a, b, c] = own.map(DVec3::from);
+            // On the triangle, or as near to a vertex as f64 goes; past an edge of its own or one that shares a vertex.
+            let near = if case % 2 == 0 { libm::exp2(-60.0 * unit()) } else { 1.0 };
+            let (u, v) = (0.5 * near * unit(), 0.5 * near * unit());
+            let origin = a * (1.0 - u - v) + b * u + c * v;
+            let [p, q] = [[own[0], own[1]], [own[0], far], [own[1], own[2]], [far, own[0]]][case % 4];
+            let along = DVec3::from(q) - DVec3::from(p);
+            let direction = [aimed, along + aimed * libm::exp2(-60.0 * unit()), b - origin][case / 4 % 3];
+            let ray = Ray { origin, direction, t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE };
+            let (ray, start) = (Prepared::new(&ray), Start::new(own, origin.to_array()));
+            let (plain, exact) = (start.edge_sign(&ray, p, q), start.edge(&ray, p, q));
+            assert!(plain == 0.0 || plain * exact > 0.0, "case {case}: {plain} for {exact:e}");
+            sure += u32::from(plain != 0.0);
+        }
+        assert!((50_000..100_000).contains(&sure), "{sure} are sure");
     }
 
     #[test]

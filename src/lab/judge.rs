@@ -3,7 +3,6 @@
 
 use glam::DVec3;
 
-use super::dyadic::{self, exact};
 use super::footing::Footing;
 use super::referee::{ExactRay, Meeting, Referee};
 
@@ -281,8 +280,7 @@ impl Court {
         if !self.belongs(center, primitive, start) {
             return false;
         }
-        let coincident =
-            coplanar(&self.referee.triangles[start as usize], &self.referee.triangles[primitive as usize]);
+        let coincident = self.coplanar(start, primitive);
         let objects = |ray: &ExactRay, slack: f64| {
             // How far rounding and the sample's own distance from the start can bring the plane.
             let wide = 2.0 * slack + self.referee.aside(ray);
@@ -300,11 +298,19 @@ impl Court {
     /// side of the other it lies.
     fn belongs(&self, center: &ExactRay, primitive: u32, start: u32) -> bool {
         let [own, other] = [start, primitive].map(|id| &self.referee.triangles[id as usize]);
-        let Some(shared) = own.iter().find(|v| other.contains(v)) else { return coplanar(own, other) };
-        let sides = sides(other, own);
+        let Some(shared) = own.iter().find(|v| other.contains(v)) else {
+            return self.coplanar(start, primitive);
+        };
+        let other = self.referee.exact(primitive);
+        let sides = other.sides(own);
         let bound = self.referee.aside(center);
         !(sides.contains(&1) && sides.contains(&-1))
             || (center.distance(*shared) <= 64.0 * bound && center.distance_from_plane(other) > bound)
+    }
+
+    /// Whether all six vertices lie in one plane, exactly.
+    fn coplanar(&self, one: u32, other: u32) -> bool {
+        self.referee.exact(one).sides(&self.referee.triangles[other as usize]) == [0; 3]
     }
 }
 
@@ -329,18 +335,6 @@ impl Aside {
     fn counts(&self, meeting: &Meeting) -> bool {
         if self.start.is_some() { meeting.beyond_origin() } else { meeting.ahead() }
     }
-}
-
-/// Whether all six vertices lie in one plane, exactly.
-fn coplanar(one: &[[f32; 3]; 3], other: &[[f32; 3]; 3]) -> bool {
-    sides(one, other) == [0; 3]
-}
-
-/// On which side of the plane of `one` the vertices of `other` lie, exactly.
-fn sides(one: &[[f32; 3]; 3], other: &[[f32; 3]; 3]) -> [i32; 3] {
-    let [a, b, c] = one.map(|v| exact(v.map(f64::from)));
-    let normal = dyadic::cross(&dyadic::minus(&b, &a), &dyadic::minus(&c, &a));
-    other.map(|v| dyadic::dot(&normal, &dyadic::minus(&exact(v.map(f64::from)), &a)).sign())
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 
 use std::cmp::Ordering;
 use std::f64::consts::TAU;
+use std::sync::OnceLock;
 
 use glam::DVec3;
 
@@ -28,9 +29,37 @@ pub const ALONG: f64 = 20.0;
 #[derive(Debug)]
 pub struct Referee {
     pub triangles: Vec<[[f32; 3]; 3]>,
+    /// What each triangle is exactly, once a ray has asked for it.
+    exact: Vec<OnceLock<Box<ExactTriangle>>>,
     tree: SphereTree,
     /// The largest magnitude of a coordinate.
     extent: f64,
+}
+
+/// A triangle's corners and the normal (b − a) × (c − a), exactly.
+#[derive(Debug)]
+pub struct ExactTriangle {
+    pub corners: [Exact3; 3],
+    pub normal: Exact3,
+    /// The normal, rounded.
+    plain_normal: DVec3,
+}
+
+impl ExactTriangle {
+    pub fn new(vertices: &[[f32; 3]; 3]) -> Self {
+        let corners = vertices.map(|v| exact(v.map(f64::from)));
+        let [a, b, c] = &corners;
+        let normal = dyadic::cross(&dyadic::minus(b, a), &dyadic::minus(c, a));
+        let plain_normal = DVec3::from(std::array::from_fn(|k| normal[k].approximate()));
+        ExactTriangle { corners, normal, plain_normal }
+    }
+
+    /// On which side of the plane these vertices lie: the sign of n·(v − a).
+    pub fn sides(&self, vertices: &[[f32; 3]; 3]) -> [i32; 3] {
+        vertices.map(|v| {
+            dyadic::dot(&self.normal, &dyadic::minus(&exact(v.map(f64::from)), &self.corners[0])).sign()
+        })
+    }
 }
 
 /// A ray, exactly.
@@ -153,7 +182,7 @@ impl ExactRay {
     pub fn moved(&self, by: DVec3) -> Self {
         let origin = dyadic::plus(&self.origin, &exact(by.to_array()));
         let near_origin = DVec3::from(std::array::from_fn(|k| origin[k].approximate()));
-        ExactRay { origin, near_origin, ..self.clone() }
+        ExactRay { origin, near_origin, direction: self.direction.clone(), ..*self }
     }
 
     /// Rays around it at this distance.
@@ -187,11 +216,9 @@ impl ExactRay {
     }
 
     /// Distance of the origin from a triangle's plane: found exactly, then rounded.
-    pub fn distance_from_plane(&self, triangle: &[[f32; 3]; 3]) -> f64 {
-        let [a, b, c] = triangle.map(|v| exact(v.map(f64::from)));
-        let normal = dyadic::cross(&dyadic::minus(&b, &a), &dyadic::minus(&c, &a));
-        let length = DVec3::from(std::array::from_fn(|k| normal[k].approximate())).length();
-        dyadic::dot(&normal, &dyadic::minus(&self.origin, &a)).approximate().abs() / length
+    pub fn distance_from_plane(&self, triangle: &ExactTriangle) -> f64 {
+        let height = dyadic::dot(&triangle.normal, &dyadic::minus(&self.origin, &triangle.corners[0]));
+        height.approximate().abs() / triangle.plain_normal.length()
     }
 
     /// Length of the direction, as its largest component.
@@ -204,7 +231,14 @@ impl Referee {
     pub fn new(triangles: Vec<[[f32; 3]; 3]>) -> Self {
         let extent = triangles.iter().flatten().flatten().fold(0.0, |m: f64, &c| m.max(f64::from(c).abs()));
         let tree = SphereTree::build(&triangles);
-        Referee { triangles, tree, extent }
+        let exact = triangles.iter().map(|_| OnceLock::new()).collect();
+        Referee { triangles, exact, tree, extent }
+    }
+
+    /// The triangle, exactly.
+    pub fn exact(&self, primitive: u32) -> &ExactTriangle {
+        let index = primitive as usize;
+        self.exact[index].get_or_init(|| Box::new(ExactTriangle::new(&self.triangles[index])))
     }
 
     /// The unit of all bounds for this ray: U (|origin|∞ + |vertex|∞).
@@ -255,11 +289,33 @@ impl Referee {
     fn passes(&self, ray: &ExactRay, primitive: u32, slack: f64) -> Option<(bool, bool)> {
         let vertices = &self.triangles[primitive as usize];
         let bound = ASIDE * self.unit_at(ray, primitive) + slack;
-        match judge_flat(vertices.map(|v| ray.place(v)), bound) {
+        let places = vertices.map(|v| ray.place(v));
+        match judge_flat(places, bound) {
             Flat::Out => None,
             Flat::Inside => Some((true, true)),
-            Flat::Border => Some((meets_exactly(ray, vertices), false)),
+            Flat::Border => Some((self.meets_exactly(ray, primitive, places, bound), false)),
         }
+    }
+
+    /// Whether the line meets the closed triangle, by the exact signs of d · ((a − o) × (b − o)) around it.
+    fn meets_exactly(&self, ray: &ExactRay, primitive: u32, places: [[f64; 2]; 3], bound: f64) -> bool {
+        let corners = &self.exact(primitive).corners;
+        let sign = |a: usize, b: usize| {
+            let ([ax, ay], [bx, by]) = (places[a], places[b]);
+            // Of places that are off by less than `bound` this has the right sign.
+            let turn = ax * by - ay * bx;
+            if turn.abs() > 4.0 * bound * (ax.abs() + ay.abs() + bx.abs() + by.abs()) {
+                return if turn > 0.0 { 1 } else { -1 };
+            }
+            let [a, b] = [a, b].map(|corner| dyadic::minus(&corners[corner], &ray.origin));
+            dyadic::dot(&ray.direction, &dyadic::cross(&a, &b)).sign()
+        };
+        let (first, second) = (sign(0, 1), sign(1, 2));
+        if first * second < 0 {
+            return false;
+        }
+        let third = sign(2, 0);
+        first * third >= 0 && second * third >= 0
     }
 
     /// Whether a point, said to be where the ray meets the triangle, lies on the ray's line as nearly as weights of rounded areas can bring it there.
@@ -274,10 +330,9 @@ impl Referee {
 
     fn measure(&self, ray: &ExactRay, primitive: u32, met: bool, surely: bool, slack: f64) -> Meeting {
         let vertices = &self.triangles[primitive as usize];
-        let [a, b, c] = vertices.map(|v| exact(v.map(f64::from)));
-        let normal = dyadic::cross(&dyadic::minus(&b, &a), &dyadic::minus(&c, &a));
-        let numerator = dyadic::dot(&normal, &dyadic::minus(&a, &ray.origin));
-        let denominator = dyadic::dot(&normal, &ray.direction);
+        let ExactTriangle { corners, normal, plain_normal } = self.exact(primitive);
+        let numerator = dyadic::dot(normal, &dyadic::minus(&corners[0], &ray.origin));
+        let denominator = dyadic::dot(normal, &ray.direction);
         let t = ratio(&numerator, &denominator);
 
         let [pa, pb, pc] = vertices.map(|v| DVec3::from(v.map(f64::from)));
@@ -286,7 +341,7 @@ impl Referee {
         let along = denominator.approximate().abs();
         let length = sum(ray.plain_direction);
         let unit = self.unit_at(ray, primitive);
-        let tilt = normal.iter().map(|c| c.approximate().abs()).sum::<f64>();
+        let tilt = sum(*plain_normal);
         let blur = ALONG * (unit + U * t.abs() * length) * spread / along + 8.0 * U * t.abs();
         // Twice the tracer's own limit: rounding may put it on either side.
         let grazing = along.is_nan() || along <= spread * length / 16_384.0;
@@ -343,19 +398,6 @@ fn distance_to_segment([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
     let s = if length2 > 0.0 { (-(ax * dx + ay * dy) / length2).clamp(0.0, 1.0) } else { 0.0 };
     let (x, y) = (ax + s * dx, ay + s * dy);
     (x * x + y * y).sqrt()
-}
-
-/// Whether the line meets the closed triangle, by the exact signs of d · ((a − o) × (b − o)) around it.
-fn meets_exactly(ray: &ExactRay, vertices: &[[f32; 3]; 3]) -> bool {
-    let corners = vertices.map(|v| dyadic::minus(&exact(v.map(f64::from)), &ray.origin));
-    let sign =
-        |a: usize, b: usize| dyadic::dot(&ray.direction, &dyadic::cross(&corners[a], &corners[b])).sign();
-    let (first, second) = (sign(0, 1), sign(1, 2));
-    if first * second < 0 {
-        return false;
-    }
-    let third = sign(2, 0);
-    first * third >= 0 && second * third >= 0
 }
 
 /// Where the line is within the triangle's box, widened on all sides.

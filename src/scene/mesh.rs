@@ -132,7 +132,7 @@ impl Surfaces {
     }
 
     /// The three vertices of a triangle id.
-    #[inline]
+    #[inline(always)]
     pub fn triangle(&self, primitive: u32) -> [[f32; 3]; 3] {
         let [a, b, c] = self.triangles[primitive as usize];
         [self.positions[a as usize], self.positions[b as usize], self.positions[c as usize]]
