@@ -189,7 +189,7 @@ pub(super) fn image_settings(args: &Args, scene: &ImageDefaults) -> Result<Image
 }
 
 /// Of an image: a single flag, width or height, keeps the aspect ratio.
-pub(super) fn size(
+pub(in crate::cli) fn size(
     flags: (Option<u32>, Option<u32>),
     scene: &ImageDefaults,
     default: &ImageSettings,
@@ -222,14 +222,14 @@ fn weight(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-pub(super) fn positive(text: &str) -> std::result::Result<f64, String> {
+pub(in crate::cli) fn positive(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
         _ => Err("give a finite number above 0".into()),
     }
 }
 
-pub(super) fn seconds(text: &str) -> std::result::Result<f64, String> {
+pub(in crate::cli) fn seconds(text: &str) -> std::result::Result<f64, String> {
     positive(text)
         .ok()
         .filter(|&seconds| seconds <= 1e9)

@@ -7,6 +7,7 @@ use std::time::Instant;
 
 pub use self::args::Args;
 use self::args::{Aov, image_settings};
+pub(super) use self::args::{positive, seconds, size};
 use super::{note, warn};
 use crate::accel::{Accel, divided};
 use crate::cluster::share;
