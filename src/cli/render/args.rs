@@ -124,8 +124,6 @@ pub struct Args {
 }
 
 /// What can be written beside the image.
-
-/// What can be written beside the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Aov {
     /// Of each pixel's mean: its standard error squared.
