@@ -69,7 +69,7 @@ fn scatter(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut
     let hit = Interaction::new(scene, record, answer);
     let direction = DVec3::from(record.direction);
 
-    if hit.material.emission != BLACK && (hit.entering || !hit.material.one_sided) {
+    if hit.emission() != BLACK {
         let chosen = match scene.emitter(answer.primitive) {
             // Nobody chooses a point on the surface that he is on.
             Some((emitter, chance)) if record.start != answer.primitive && !record.pdf.is_infinite() => {
@@ -79,7 +79,7 @@ fn scatter(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut
         };
         let weight = weight_of_found(transport, record, chosen);
         if weight > 0.0 {
-            out.deposit(record, scaled(times(record.throughput, hit.material.emission), weight));
+            out.deposit(record, scaled(times(record.throughput, hit.emission()), weight));
         }
     }
     if record.bounce >= transport.max_depth {

@@ -82,5 +82,5 @@ fn at_vertex(
 
 /// ka·Ia plus the surface's own emission: what needs no light ray.
 pub fn unshadowed(hit: &Interaction, ambient: Color) -> Color {
-    add(times(times(hit.material.ka, hit.ambient_tint), ambient), hit.material.emission)
+    add(times(times(hit.material.ka, hit.ambient_tint), ambient), hit.emission())
 }

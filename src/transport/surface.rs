@@ -36,6 +36,11 @@ pub struct Vertex {
 }
 
 impl<'a> Interaction<'a> {
+    /// Radiance that the surface sends back along the ray by itself.
+    pub fn emission(&self) -> Color {
+        if self.entering || !self.material.one_sided { self.material.emission } else { [0.0; 3] }
+    }
+
     pub fn new(scene: &'a Scene, record: &RayRecord, answer: &Answer) -> Self {
         let part = scene.part(answer.primitive);
         let material = &scene.header.materials[part.material as usize];

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use heliostat::scene::light::LightShape;
 use heliostat::scene::{Color, Light, Material, Shading};
+use heliostat::settings::Integrator;
 
 use crate::tiny::*;
 
@@ -39,6 +40,20 @@ fn ambient_light_is_the_scenes_and_the_lights_and_never_shadowed() {
     }
     let ambient = [0.1 + 0.25, 0.2 + 0.125, 0.3 + 0.5];
     assert_color(tiny.color(), sum(product(material.ka, ambient), material.emission));
+}
+
+#[test]
+fn emission_of_the_front_isn_t_seen_from_behind() {
+    for integrator in [Integrator::Whitted, Integrator::Path] {
+        for (one_sided, eye, expected) in
+            [(false, EYE, [0.5; 3]), (false, -EYE, [0.5; 3]), (true, EYE, [0.5; 3]), (true, -EYE, [0.0; 3])]
+        {
+            let mut tiny = Tiny::new(eye, v(0.0, 0.0, 0.0));
+            tiny.image.integrator = integrator;
+            tiny.level(0.0, &Material { one_sided, ..glowing([0.5; 3]) });
+            assert_color(tiny.color(), expected);
+        }
+    }
 }
 
 #[test]
