@@ -82,10 +82,14 @@ pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Opt
     });
     let mut activity = Activity::all(&work.image);
     let mut complete = true;
+    let divided = (work.run.within == Within::Triangles).then(|| divide(crew, work, stats));
     let mut costs = Vec::new();
     for (number, round) in schedule.iter().enumerate() {
         let film = match work.run.split {
-            Split::Tiles | Split::Stream => deal_tiles(crew, work, (round, &activity), &mut costs, stats)?,
+            Split::Tiles | Split::Stream => {
+                let accel = divided.as_ref().unwrap_or(&work.accel);
+                deal_tiles(crew, work, accel, (round, &activity), &mut costs, stats)?
+            }
             Split::Triangles | Split::Voxels => partition::render(crew, work, (round, &activity), stats)?,
         };
         if let (Some(estimate), Some(film)) = (&mut estimate, film) {
@@ -137,16 +141,16 @@ fn waiting_for<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T
 }
 
 /// Splits `tiles` and `stream`: the ranks render a round of screen tiles, and rank 0 gathers their films. It deals them on demand, the costliest first, or all at once.
-/// Within ranks over triangles the work's accelerator isn't used: each rank builds its own. `costs` are kept from the first round on.
+/// `accel` is the work's, or, within ranks over triangles, the rank's own. `costs` are kept from the first round on.
 fn deal_tiles(
     crew: &Crew,
     work: &Work,
+    accel: &Accel,
     (round, activity): (&Round, &Activity),
     costs: &mut Vec<f32>,
     stats: &mut RankStats,
 ) -> Result<Option<Film>> {
-    let divided = (work.run.within == Within::Triangles).then(|| divide(crew, work, stats));
-    let renderer = &Renderer::new(&work.scene, divided.as_ref().unwrap_or(&work.accel), &work.image);
+    let renderer = &Renderer::new(&work.scene, accel, &work.image);
     let area = rounds::area(&work.image);
     let tiling = &Tiling::new(area, work.run.tile_size);
     let leads = crew.comm.rank() == 0;

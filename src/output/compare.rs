@@ -9,8 +9,8 @@ use super::statistics::{PIXEL_LEVEL, ZTest};
 use crate::error::{Error, Result};
 use crate::image::Image;
 
-/// Keeps relMSE finite in black pixels, and SMAPE still.
-pub const RELATIVE_EPSILON: f64 = 1e-2;
+/// Keeps SMAPE finite too.
+pub use crate::render::estimate::RELATIVE_EPSILON;
 
 /// Differences of a test image from a reference. All but FLIP are taken over the linear values of all
 /// three channels; r is the reference's value, t the test's. Equal infinities and two NaN differ by 0, a

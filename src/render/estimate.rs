@@ -46,8 +46,8 @@ pub struct ErrorReached {
 const PART: f64 = 0.25;
 /// The quantile of 95 % of a normal distribution.
 const QUANTILE: f64 = 1.645;
-/// `output::compare`'s.
-const RELATIVE_EPSILON: f64 = 1e-2;
+/// Keeps relMSE finite in black pixels.
+pub const RELATIVE_EPSILON: f64 = 1e-2;
 
 /// A pixel's mean and the variance of that.
 #[derive(Clone, Copy, Debug)]

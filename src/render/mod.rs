@@ -81,11 +81,6 @@ impl<'a> Renderer<'a> {
         planes(self.settings, &self.filter, round)
     }
 
-    /// See `Film::resolve`.
-    pub fn negative_mass(&self) -> f64 {
-        self.filter.negative_mass()
-    }
-
     /// Renders a round's samples of one tile. Pure: the same deposits on any rank and thread.
     pub fn tile(&self, tile: Tile, round: &Round, activity: &Activity) -> (TileFilm, RayCounts) {
         let mut film = TileFilm::new(tile, self.settings.width, self.planes(round));

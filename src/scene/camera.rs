@@ -1,6 +1,6 @@
 //! Cameras: perspective, with or without a lens, and orthographic.
 
-use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+use std::f64::consts::FRAC_PI_4;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -106,15 +106,19 @@ impl Camera {
     }
 }
 
-/// The unit square onto the unit disc, areas kept in proportion (Shirley and Chiu 1997, "A Low Distortion Map Between Disk and
+/// A point of the unit disc, uniform in area, that keeps neighbours neighbours (Shirley and Chiu 1997, "A Low Distortion Map Between Disk and
 /// Square").
-pub fn concentric(square: [f64; 2]) -> [f64; 2] {
-    let [x, y] = square.map(|u| 2.0 * u - 1.0);
-    if x == 0.0 && y == 0.0 {
-        return [0.0; 2];
+#[inline]
+pub fn concentric(u: [f64; 2]) -> [f64; 2] {
+    let [a, b] = u.map(|u| 2.0 * u - 1.0);
+    if a == 0.0 && b == 0.0 {
+        return [0.0, 0.0];
     }
-    let (radius, angle) =
-        if x.abs() > y.abs() { (x, FRAC_PI_4 * (y / x)) } else { (y, FRAC_PI_2 - FRAC_PI_4 * (x / y)) };
-    let (sin, cos) = libm::sincos(angle);
-    [radius * cos, radius * sin]
+    if a.abs() > b.abs() {
+        let (sine, cosine) = libm::sincos(FRAC_PI_4 * (b / a));
+        [a * cosine, a * sine]
+    } else {
+        let (sine, cosine) = libm::sincos(FRAC_PI_4 * (a / b));
+        [b * sine, b * cosine]
+    }
 }
