@@ -82,7 +82,7 @@ impl Start {
         let t = if to_plane.abs() <= RADIUS * dot(spread(e1, e2), largest) {
             self.meet_plane_at_start(ray, other, aside)?
         } else {
-            meet_plane(ray, other, aside)?
+            meet_plane(ray, other, sheared.weights, aside)?
         };
         Some(TriangleHit { t, weights: sheared.weights })
     }

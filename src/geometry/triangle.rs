@@ -79,24 +79,32 @@ pub(super) fn has_one_sign([u, v, w]: [f64; 3]) -> bool {
 
 /// Meets the whole line of the ray; the caller checks the range of t.
 ///
-/// A ray in the triangle's plane misses it. `vertices` are exact f32 values.
+/// A triangle that the ray sees exactly edge-on is missed. `vertices` are exact f32 values.
 #[inline]
 pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit> {
     let sheared = Sheared::new(ray, vertices);
     if !sheared.is_crossed() {
         return None;
     }
-    let t = meet_plane(ray, vertices, 0.0)?;
+    let t = meet_plane(ray, vertices, sheared.weights, 0.0)?;
     Some(TriangleHit { t, weights: sheared.weights })
 }
 
-/// Where the ray meets the plane of a triangle that it passes through, or passes as near as `aside` if that is more than rounding.
+/// Where the ray meets the plane of a triangle that it passes through with these weights, or passes as near as `aside` if that is more than rounding.
+///
+/// None where the triangle has no area, or none as the ray sees it. One that lies in a plane with the ray and yet has weights has an area by rounding, which covers what
+/// rounding has taken from its neighbours: left out, it would let the ray slip through.
 #[inline]
-pub(super) fn meet_plane(ray: &Prepared, vertices: &[[f64; 3]; 3], aside: f64) -> Option<f64> {
+pub(super) fn meet_plane(
+    ray: &Prepared,
+    vertices: &[[f64; 3]; 3],
+    weights: [f64; 3],
+    aside: f64,
+) -> Option<f64> {
     let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
     let n = cross(e1, e2);
     let along = dot(n, ray.direction);
-    if along == 0.0 {
+    if along == 0.0 && (weights == [0.0; 3] || n == [0.0; 3]) {
         return None;
     }
     // Written so that NaN, from products beyond f64's range, is clamped too.
@@ -139,18 +147,21 @@ pub(super) fn clamp_to_triangle(ray: &Prepared, vertices: &[[f64; 3]; 3], t: f64
     let normal =
         twofold_cross(&differences(vertices[1], vertices[0]), &differences(vertices[2], vertices[0]))
             .map(|n| n.value());
-    let k = (0..3).fold(0, |k, axis| if normal[axis].abs() > normal[k].abs() { axis } else { k });
-    let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-    for vertex in 0..3 {
-        let (p, q) = (vertices[vertex], vertices[(vertex + 1) % 3]);
-        let (along_i, along_j) = ((q[i] - p[i]) * normal[k].signum(), (q[j] - p[j]) * normal[k].signum());
-        let height = along_i * (ray.origin[j] - p[j]) - along_j * (ray.origin[i] - p[i]);
-        let rise = along_i * ray.direction[j] - along_j * ray.direction[i];
-        let least = -2.0 * aside * (along_i.abs() + along_j.abs());
-        if rise > 0.0 {
-            near = near.max((least - height) / rise);
-        } else if rise < 0.0 {
-            far = far.min((least - height) / rise);
+    let largest = (0..3).fold(0, |k, axis| if normal[axis].abs() > normal[k].abs() { axis } else { k });
+    // Corners on one line are on it from all sides.
+    for k in (0..3).filter(|&k| k == largest || normal[largest] == 0.0) {
+        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+        for vertex in 0..3 {
+            let (p, q) = (vertices[vertex], vertices[(vertex + 1) % 3]);
+            let (along_i, along_j) = ((q[i] - p[i]) * normal[k].signum(), (q[j] - p[j]) * normal[k].signum());
+            let height = along_i * (ray.origin[j] - p[j]) - along_j * (ray.origin[i] - p[i]);
+            let rise = along_i * ray.direction[j] - along_j * ray.direction[i];
+            let least = -2.0 * aside * (along_i.abs() + along_j.abs());
+            if rise > 0.0 {
+                near = near.max((least - height) / rise);
+            } else if rise < 0.0 {
+                far = far.min((least - height) / rise);
+            }
         }
     }
     let t = t.max(near).min(far);
@@ -267,6 +278,42 @@ mod tests {
         let prepared = ray([0.75, 0.75, 0.5 + sink], [3.0, -3.0, -4.0 * sink]);
         let hit = intersect(&prepared, &tilted).expect("it sinks through");
         assert_eq!(hit.t * prepared.scale, 0.25);
+    }
+
+    #[test]
+    fn no_ray_slips_through_what_it_sees_edge_on() {
+        // A plate, a riser in whose plane the ray runs, and a plate that goes on at its other end: seen along the riser the two plates touch.
+        let mut state = 1u64;
+        let mut whole = |below: u64| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 33) % below) as f64 - ((below - 1) / 2) as f64
+        };
+        let (mut edge_on, mut leaks) = (0, Vec::new());
+        for case in 0..200_000 {
+            let mut point = |below| [whole(below), whole(below), whole(below)];
+            let (along, across, out) = (point(15), point(15), point(15));
+            let normal = cross(along, across);
+            if dot(normal, out) == 0.0 {
+                continue;
+            }
+            let plus = |p: [f64; 3], v: [f64; 3], times: f64| [0, 1, 2].map(|k| p[k] + times * v[k]);
+            let corner = point(1001);
+            // Along the ray the riser is as long as `along`; across it, both plates reach far.
+            let [a, b] = [plus(corner, across, -8.0), plus(corner, across, 8.0)];
+            let [c, d] = [plus(a, along, 1.0), plus(b, along, 1.0)];
+            let [e, f] = [plus(a, out, 8.0), plus(b, out, 8.0)];
+            let [g, h] = [plus(c, out, -8.0), plus(d, out, -8.0)];
+            let strip = [[a, b, e], [b, f, e], [a, c, b], [b, c, d], [c, d, g], [d, h, g]];
+            let aim = plus(corner, across, 0.25 * whole(63).abs() - 7.0);
+            let direction = plus(along, across, whole(7) / 64.0);
+            let prepared = ray(plus(aim, direction, -3.0), direction);
+            edge_on += u32::from(dot(normal, prepared.direction) == 0.0);
+            if !strip.iter().any(|triangle| intersect(&prepared, triangle).is_some()) {
+                leaks.push(case);
+            }
+        }
+        assert!(edge_on > 100_000, "{edge_on}");
+        assert!(leaks.is_empty(), "{} of {edge_on}, first {:?}", leaks.len(), leaks.first());
     }
 
     #[test]

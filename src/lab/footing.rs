@@ -61,9 +61,19 @@ impl Footing {
         (0..3).filter(|&k| self.weights[k].approximate() * self.heights[k] <= distance).count()
     }
 
-    /// Whether rounding to within `bound` can reach one side alone, and no sample comes near an end of it.
+    /// Whether rounding to within `bound` can reach one side alone, and no sample starts near an end of it or passes one.
     pub fn is_by_one_side(&self, bound: f64) -> bool {
-        self.sides_near(8.0 * bound) == 1 && self.sides_near(8.0 * self.step(bound) * self.longest) == 1
+        let near = 8.0 * self.step(bound) * self.longest;
+        self.sides_near(8.0 * bound) == 1 && self.sides_near(near) == 1 && !self.passes_corner(near)
+    }
+
+    /// Whether the ray goes on to pass a corner of its own triangle within this distance.
+    fn passes_corner(&self, distance: f64) -> bool {
+        let center = self.center();
+        self.corners.iter().any(|corner| {
+            let corner = DVec3::from(std::array::from_fn(|axis| corner[axis].approximate()));
+            center.is_ahead(corner) && center.distance_aside(corner) <= distance
+        })
     }
 
     /// Rays from far enough inside that rounding to within `bound` can't reach the border, if the triangle is large enough for that.

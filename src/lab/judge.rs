@@ -258,7 +258,8 @@ impl Court {
             });
             before
         };
-        let rings: Vec<Vec<Meeting>> = ray.ring(distance).map(|moved| before(&moved)).collect();
+        let around = ray.ring(distance).chain(self.referee.between_edges(ray, distance));
+        let rings: Vec<Vec<Meeting>> = around.map(|moved| before(&moved)).collect();
         let all_near = self.referee.near(ray);
         before(ray).iter().any(|place| {
             // The way in may lie on a triangle that is seen edge-on: its t can be anything up to the answer's.

@@ -7,7 +7,7 @@ use std::cmp::Ordering;
 use std::f64::consts::TAU;
 use std::sync::OnceLock;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::dyadic::{self, Dyadic, Exact3, exact, ratio};
 use super::spheres::SphereTree;
@@ -200,9 +200,20 @@ impl ExactRay {
         [self.across[0].dot(from), self.across[1].dot(from)]
     }
 
+    /// The same, exact but for one rounding of each.
+    fn exact_place(&self, point: [f32; 3]) -> DVec2 {
+        let from = dyadic::minus(&exact(point.map(f64::from)), &self.origin);
+        DVec2::from(self.across.map(|axis| dyadic::dot(&exact(axis.to_array()), &from).approximate()))
+    }
+
     /// Whether the ray's line comes within the bound of a segment.
     pub fn passes_segment(&self, ends: &[[f32; 3]; 2], bound: f64) -> bool {
         distance_to_segment(self.place(ends[0]), self.place(ends[1])) <= bound
+    }
+
+    /// Whether the ray leads towards a point, rounded.
+    pub fn is_ahead(&self, point: DVec3) -> bool {
+        (point - self.near_origin).dot(self.forward) >= 0.0
     }
 
     /// Distance of the ray's line from a point, rounded.
@@ -277,6 +288,36 @@ impl Referee {
             found.extend(self.meeting(ray, primitive, 0.0));
         });
         found
+    }
+
+    /// Rays within this distance that pass between the edges leaving a corner that `ray` passes as near: the outline may have a notch there that is narrower than any ring of rays shows.
+    pub fn between_edges(&self, ray: &ExactRay, distance: f64) -> Vec<ExactRay> {
+        let near: Vec<[[f32; 3]; 3]> =
+            self.near(ray).iter().map(|meeting| self.triangles[meeting.primitive as usize]).collect();
+        let mut corners: Vec<([f32; 3], DVec2)> = near
+            .iter()
+            .flatten()
+            .map(|&corner| (corner, ray.exact_place(corner)))
+            .filter(|(_, place)| place.length() < distance)
+            .collect();
+        corners.sort_by(|(a, _), (b, _)| a.partial_cmp(b).unwrap_or(Ordering::Equal));
+        corners.dedup_by(|(a, _), (b, _)| a == b);
+        let mut angles = Vec::new();
+        for (corner, place) in &corners {
+            for triangle in near.iter().filter(|triangle| triangle.contains(corner)) {
+                let along = triangle.map(|end| ray.exact_place(end) - *place);
+                angles.extend(along.iter().filter(|v| v.length() > distance).map(|v| libm::atan2(v.y, v.x)));
+            }
+        }
+        angles.sort_by(f64::total_cmp);
+        let next = angles.iter().skip(1).copied().chain(angles.first().map(|first| first + TAU));
+        let between: Vec<f64> = angles.iter().zip(next).map(|(a, b)| 0.5 * (a + b)).collect();
+        let beside = |(place, angle): (DVec2, f64)| {
+            let (y, x) = libm::sincos(angle);
+            let at = place + DVec2::new(x, y) * (distance - place.length());
+            ray.moved(ray.across[0] * at.x + ray.across[1] * at.y)
+        };
+        corners.iter().flat_map(|(_, place)| between.iter().map(|angle| beside((*place, *angle)))).collect()
     }
 
     /// The one triangle, if the ray's line meets it or passes within the bound and `slack` more.
