@@ -155,6 +155,24 @@ mod tests {
     }
 
     #[test]
+    fn what_passes_a_corner_of_its_triangle_is_not_by_one_side() {
+        let referee = Referee::new(vec![[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0f32]]]);
+        let at = |along: f64, direction| {
+            Footing::new(&referee, 0, [along, 0.0], direction).is_by_one_side(referee_bound(&referee))
+        };
+        // From the side along x, by which all of these start.
+        assert!(at(0.5, DVec3::new(1.0, 0.5, 1.0)));
+        assert!(at(0.5, DVec3::new(-1.0, 0.0, 1e-3)));
+        assert!(!at(0.5, DVec3::new(-1.0, 0.0, 1e-16)));
+        assert!(!at(1e-9, DVec3::new(-1.0, -1e-6, 1e-6)), "past the corner by 1e-15");
+        assert!(at(1e-9, DVec3::new(0.0, -1.0, 1e-6)), "across the side");
+    }
+
+    fn referee_bound(referee: &Referee) -> f64 {
+        referee.aside(&ExactRay::plain(DVec3::ZERO, DVec3::X))
+    }
+
+    #[test]
     fn samples_lie_inside_the_plane_exactly() {
         let triangle = [[0.1, 0.2, 0.3], [1.1, -0.7, 0.33], [0.7, 0.9, -0.4f32]];
         let referee = Referee::new(vec![triangle]);

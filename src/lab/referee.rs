@@ -514,6 +514,25 @@ mod tests {
     }
 
     #[test]
+    fn notches_narrower_than_a_ring_are_looked_into() {
+        // A disc with a wedge of 0.01 missing, its apex where the ray passes.
+        let apex = [0.25, 0.5, 0.0f32];
+        let rim: Vec<[f32; 3]> = (0..=5u8)
+            .map(|k| {
+                let (y, x) = libm::sincos(0.5 + (TAU - 0.01) / 5.0 * f64::from(k));
+                [(0.25 + x) as f32, (0.5 + y) as f32, 0.0]
+            })
+            .collect();
+        let referee = Referee::new(rim.windows(2).map(|side| [apex, side[0], side[1]]).collect());
+        let ray = ExactRay::plain(DVec3::new(0.25, 0.5, 1.0), DVec3::NEG_Z);
+        let distance = referee.aside(&ray);
+        assert!(ray.ring(distance).all(|ray| !referee.meetings(&ray).is_empty()));
+        let between = referee.between_edges(&ray, distance);
+        assert_eq!(between.iter().filter(|ray| referee.meetings(ray).is_empty()).count(), 1);
+        assert!(between.iter().all(|moved| moved.distance_aside(DVec3::new(0.25, 0.5, 0.0)) <= distance));
+    }
+
+    #[test]
     fn the_order_of_surfaces_closer_than_f64_can_tell_is_exact() {
         let tilted = |z: f32| [[-4.0, -4.0, z], [5.0, -3.0, z], [0.0, 7.0, 3.0f32]];
         let referee = Referee::new(vec![tilted(1.0), tilted(1.0f32.next_up())]);
