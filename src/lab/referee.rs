@@ -529,7 +529,7 @@ mod tests {
         assert!(ray.ring(distance).all(|ray| !referee.meetings(&ray).is_empty()));
         let between = referee.between_edges(&ray, distance);
         assert_eq!(between.iter().filter(|ray| referee.meetings(ray).is_empty()).count(), 1);
-        assert!(between.iter().all(|moved| moved.distance_aside(DVec3::new(0.25, 0.5, 0.0)) <= distance));
+        assert!(between.iter().all(|moved| moved.distance_aside(DVec3::new(0.25, 0.5, 0.0)) <= distance + U));
     }
 
     #[test]
