@@ -57,14 +57,16 @@ impl Start {
     pub fn meet(&self, ray: &Prepared, other: &[[f64; 3]; 3]) -> Option<TriangleHit> {
         let mut sheared = Sheared::new(ray, other);
         // No doubt reaches farther than this: what lies beyond needs no further question.
-        let farthest = 4.0 * FARTHEST * other.iter().fold(self.reach, |m, &v| m.max(norm_max(v)));
+        let reaches = [norm_max(other[0]), norm_max(other[1]), norm_max(other[2])];
+        let farthest = 4.0 * FARTHEST * self.reach.max(reaches[0]).max(reaches[1]).max(reaches[2]);
         if !sheared.is_within(farthest) {
             return None;
         }
-        let open = [0, 1, 2].map(|k| {
-            let reach = self.reach.max(norm_max(other[(k + 1) % 3])).max(norm_max(other[(k + 2) % 3]));
+        let is_open = |k: usize| {
+            let reach = self.reach.max(reaches[(k + 1) % 3]).max(reaches[(k + 2) % 3]);
             sheared.weights[k].abs() <= sheared.doubt(k, RADIUS * reach)
-        });
+        };
+        let open = [is_open(0), is_open(1), is_open(2)];
         let is_crossed = if open.contains(&true) {
             sheared.weights = self.settle(ray, other, sheared.weights, open)?;
             has_one_sign(sheared.weights)

@@ -53,7 +53,7 @@ impl FilterTable {
 
     /// Offset from the pixel's centre, in pixels, and the film plane: 1 where the filter is negative.
     pub fn sample(&self, u: [f64; 2]) -> ([f64; 2], u8) {
-        let [(x, negative_x), (y, negative_y)] = u.map(|u| self.sample_axis(u));
+        let ((x, negative_x), (y, negative_y)) = (self.sample_axis(u[0]), self.sample_axis(u[1]));
         ([x, y], u8::from(negative_x != negative_y))
     }
 

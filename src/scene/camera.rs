@@ -110,7 +110,7 @@ impl Camera {
 /// Square").
 #[inline]
 pub fn concentric(u: [f64; 2]) -> [f64; 2] {
-    let [a, b] = u.map(|u| 2.0 * u - 1.0);
+    let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
     if a == 0.0 && b == 0.0 {
         return [0.0, 0.0];
     }

@@ -7,6 +7,7 @@ pub mod bsdf;
 mod path;
 mod phong;
 pub mod sampler;
+mod sobol;
 pub mod surface;
 mod whitted;
 
@@ -83,3 +84,8 @@ fn scaled(a: Color, factor: f64) -> Color {
 }
 
 const BLACK: Color = [0.0; 3];
+
+#[inline]
+fn is_black(color: Color) -> bool {
+    color[0] == 0.0 && color[1] == 0.0 && color[2] == 0.0
+}

@@ -11,7 +11,7 @@ use glam::DVec3;
 use super::bsdf::Bsdf;
 use super::sampler::Purpose;
 use super::surface::Interaction;
-use super::{BLACK, Sink, Transport, scaled, times};
+use super::{Sink, Transport, is_black, scaled, times};
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
 use crate::scene::lighting::Choice;
 use crate::settings::Direct;
@@ -49,7 +49,7 @@ fn miss(transport: &Transport, record: &RayRecord, out: &mut impl Sink) {
     let scene = transport.scene;
     let Some((environment, table)) = scene.environment() else {
         let background = times(record.throughput, scene.header.background);
-        if background != BLACK {
+        if !is_black(background) {
             out.deposit(record, background);
         }
         return;
@@ -69,7 +69,7 @@ fn scatter(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut
     let hit = Interaction::new(scene, record, answer);
     let direction = DVec3::from(record.direction);
 
-    if hit.emission() != BLACK {
+    if !is_black(hit.emission()) {
         let chosen = match scene.emitter(answer.primitive) {
             // Nobody chooses a point on the surface that he is on.
             Some((emitter, chance)) if record.start != answer.primitive && !record.pdf.is_infinite() => {
@@ -152,7 +152,7 @@ fn light(
         _ if transport.direct == Direct::Bsdf => return,
         Choice::Emitter(emitter) => {
             // Only a part of the scene that has the emitter knows it as a primitive.
-            if hit.material.emission != BLACK
+            if !is_black(hit.material.emission)
                 && scene.emitter(hit.primitive).is_some_and(|(own, _)| own.primitive == emitter.primitive)
             {
                 return;
@@ -177,7 +177,7 @@ fn light(
         Direct::Light | Direct::Bsdf => 1.0 / pdf,
     };
     let throughput = scaled(times(times(record.throughput, value), radiance), share);
-    if throughput != BLACK {
+    if !is_black(throughput) {
         let mut ray = record.onward(hit.position, hit.primitive, direction, Query::Occluded, Origin::Shadow);
         ray.throughput = throughput;
         ray.t_max = t_max;
@@ -210,7 +210,7 @@ fn go_on(
         }
         throughput = scaled(throughput, 1.0 / chance);
     }
-    if throughput == BLACK {
+    if is_black(throughput) {
         return;
     }
     let made_by = if scattered.transmitted { Origin::Refraction } else { Origin::Reflection };

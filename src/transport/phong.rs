@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::surface::{Interaction, Vertex};
-use super::{BLACK, add, scaled, times};
+use super::{BLACK, add, is_black, scaled, times};
 use crate::scene::light::Arrival;
 use crate::scene::{Color, Light, Shading};
 
@@ -34,7 +34,7 @@ pub fn illuminate(
     let matt = times(times(hit.material.kd, hit.diffuse_tint), light.diffuse);
     let glossy = times(hit.material.ks, light.specular);
     // The power is by far the dearest part of it.
-    let shininess = (glossy != BLACK).then_some(hit.material.shininess);
+    let shininess = (!is_black(glossy)).then_some(hit.material.shininess);
     let [diffuse, specular] = match hit.shading {
         Shading::Gouraud => {
             let terms = hit.vertices.map(|vertex| at_vertex(&vertex, shininess, light, view, world_unit));

@@ -4,6 +4,7 @@
 //! Numbers come in sets of four: two for one point of the plane, and two more. The first set is the camera's (film and lens); each
 //! bounce has two.
 
+use super::sobol;
 use crate::geometry::record::RayRecord;
 use crate::settings::{ImageSettings, SamplerKind};
 
@@ -57,7 +58,7 @@ impl Sampler {
         match self.kind {
             SamplerKind::Sobol => {
                 let scramble = if salt == 0 { pixel_hash } else { hash(pixel_hash, salt) };
-                let [a, b, c, d] = sobol_burley::sample_4d(sample, 0, scramble as u32);
+                let [a, b, c, d] = sobol::point(sample, scramble as u32);
                 [f64::from(a), f64::from(b), f64::from(c), f64::from(d)]
             }
             SamplerKind::Independent => {

@@ -47,7 +47,7 @@ impl<'a> Interaction<'a> {
         let direction = DVec3::from(record.direction);
         match scene.surfaces.sphere_at(answer.primitive) {
             Some(sphere) => {
-                let center = DVec3::from(sphere.center.map(f64::from));
+                let center = widened(sphere.center);
                 let hit = DVec3::from(record.origin) + direction * answer.t;
                 let (position, outward) = position::on_sphere(center, f64::from(sphere.radius), hit);
                 let entering = outward.dot(direction) < 0.0;
@@ -92,14 +92,15 @@ impl<'a> Interaction<'a> {
         let mut vertices = [vertex(a), vertex(b), vertex(c)];
         let mut normal = geometric;
         if part.normals != NONE {
-            let stored = [0, 1, 2].map(|corner| widened(surfaces.normals[at(part.normals, corner)]));
+            let stored_at = |corner| widened(surfaces.normals[at(part.normals, corner)]);
+            let stored = [stored_at(0), stored_at(1), stored_at(2)];
             // All three turn together: at a sharp edge one may point behind this triangle, and turning it here but not next
             // door would tear the shading apart.
             let side = if (stored[0] + stored[1] + stored[2]).dot(geometric) < 0.0 { -1.0 } else { 1.0 };
             for (vertex, stored) in vertices.iter_mut().zip(stored) {
                 vertex.normal = stored.try_normalize().map_or(geometric, |normal| normal * side);
             }
-            let blend = weighted(vertices.map(|vertex| vertex.normal), weights);
+            let blend = weighted([vertices[0].normal, vertices[1].normal, vertices[2].normal], weights);
             normal = facing(blend, geometric).unwrap_or(geometric);
         }
 
@@ -116,9 +117,8 @@ impl<'a> Interaction<'a> {
         }
         let mut diffuse_tint = ambient_tint;
         if part.colors != NONE {
-            let colors: [DVec3; 3] = std::array::from_fn(|corner| {
-                DVec3::from(surfaces.colors[at(part.colors, corner)].map(f64::from))
-            });
+            let colors: [DVec3; 3] =
+                std::array::from_fn(|corner| widened(surfaces.colors[at(part.colors, corner)]));
             diffuse_tint = super::times(diffuse_tint, weighted(colors, weights).to_array());
         }
         Interaction {

@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use super::surface::Interaction;
-use super::{BLACK, Sink, Transport, add, phong, scaled, times};
+use super::{Sink, Transport, add, is_black, phong, scaled, times};
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
 use crate::scene::Color;
 use crate::scene::camera::Projection;
@@ -26,7 +26,7 @@ fn attenuate(transport: &Transport, record: &RayRecord, answer: &Answer, out: &m
     let scene = transport.scene;
     let material = &scene.header.materials[scene.part(answer.primitive).material as usize];
     let throughput = times(record.throughput, material.kt);
-    if throughput != BLACK {
+    if !is_black(throughput) {
         let mut onward = record.beyond(answer);
         onward.throughput = throughput;
         out.push(onward);
@@ -40,7 +40,7 @@ fn shade(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut i
 
     // What the surface shows by itself.
     let glow = times(local, phong::unshadowed(&hit, transport.ambient));
-    if glow != BLACK {
+    if !is_black(glow) {
         out.deposit(record, glow);
     }
 
@@ -53,7 +53,7 @@ fn shade(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut i
     for (number, light) in header.lights.iter().enumerate() {
         let arrival = light.arrival(hit.position, world_unit);
         let throughput = times(local, phong::illuminate(&hit, light, &arrival, &view, world_unit));
-        if throughput != BLACK {
+        if !is_black(throughput) {
             let mut ray = record.onward(hit.position, hit.primitive, arrival.to_light, query, Origin::Shadow);
             ray.throughput = throughput;
             ray.t_max = arrival.t_max;
@@ -90,7 +90,7 @@ fn bounce(
             None => mirrored = add(mirrored, material.kt),
         }
     }
-    if mirrored != BLACK {
+    if !is_black(mirrored) {
         branch(transport, record, hit, reflect(direction, hit), mirrored, Origin::Reflection, out);
     }
 }
@@ -105,7 +105,7 @@ fn branch(
     out: &mut impl Sink,
 ) {
     let throughput = times(record.throughput, weight);
-    if throughput == BLACK || throughput.iter().all(|&c| c < transport.min_weight) {
+    if is_black(throughput) || throughput.iter().all(|&c| c < transport.min_weight) {
         return;
     }
     let mut ray = record.onward(hit.position, hit.primitive, direction, Query::Closest, made_by);

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use super::{Scattered, diffuse, fresnel, mean, phong, specular};
 use crate::scene::{Color, Material};
-use crate::transport::{BLACK, add, scaled, times};
+use crate::transport::{BLACK, add, is_black, scaled, times};
 
 #[derive(Clone, Copy, Debug)]
 pub struct Classic {
@@ -90,7 +90,7 @@ impl Classic {
     fn sample_delta(&self, wo: DVec3, u: f64) -> Option<Scattered> {
         let (mut mirror, mut through, mut onward) = (self.kr, self.kt, -wo);
         // One index on both sides: nothing bends or turns back, whatever the normal says.
-        if self.kt != BLACK && self.eta != 1.0 {
+        if !is_black(self.kt) && self.eta != 1.0 {
             if wo.z <= 0.0 {
                 return None;
             }

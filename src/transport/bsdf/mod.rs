@@ -22,7 +22,7 @@ use self::classic::Classic;
 use self::conductor::{Metal, RoughConductor};
 use self::dielectric::RoughDielectric;
 use self::microfacet::Ggx;
-use super::{BLACK, scaled, times};
+use super::{BLACK, is_black, scaled, times};
 use crate::scene::Color;
 use crate::scene::material::{Material, Physical};
 
@@ -63,9 +63,9 @@ impl Bsdf {
             return Bsdf(Lobes::physical(physical, material.ior, entering));
         }
         let Material { ks, kr, kt, reflectivity, .. } = material;
-        if *ks == BLACK && *kr == BLACK && *kt == BLACK && *reflectivity == 0.0 {
+        if is_black(*ks) && is_black(*kr) && is_black(*kt) && *reflectivity == 0.0 {
             let albedo = times(material.kd, diffuse_tint);
-            return Bsdf(if albedo == BLACK { Lobes::Black } else { Lobes::Diffuse(albedo) });
+            return Bsdf(if is_black(albedo) { Lobes::Black } else { Lobes::Diffuse(albedo) });
         }
         Bsdf(Lobes::Classic(Classic::new(material, diffuse_tint, entering)))
     }
@@ -145,8 +145,8 @@ impl Lobes {
 
 impl Scattered {
     fn smooth(wi: DVec3, value: Color, pdf: f64) -> Option<Self> {
-        let weight = value.map(|c| c / pdf);
-        (pdf > 0.0 && weight != BLACK).then_some(Scattered { wi, weight, pdf, transmitted: wi.z < 0.0 })
+        let weight = [value[0] / pdf, value[1] / pdf, value[2] / pdf];
+        (pdf > 0.0 && !is_black(weight)).then_some(Scattered { wi, weight, pdf, transmitted: wi.z < 0.0 })
     }
 
     fn delta(wi: DVec3, weight: Color, transmitted: bool) -> Self {
