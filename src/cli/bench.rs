@@ -12,9 +12,9 @@ use crate::accel::wide::level::{Level, Traversal};
 use crate::cluster::{Solo, threads};
 use crate::error::{Error, Result};
 use crate::job;
-use crate::lab::kernels::{self, FileRay, Kind, RaySet, Subject};
+use crate::lab::kernels::{self, FileRay, Kind, Mode, RaySet, Subject};
 use crate::output::file;
-use crate::settings::BuildPreset;
+use crate::settings::{BuildPreset, BuildSettings};
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
@@ -48,6 +48,12 @@ pub struct KernelsArgs {
     /// Time given to building the hierarchy
     #[arg(long, env = "HELIOSTAT_BUILD", default_value = "balanced")]
     build: BuildPreset,
+    /// Measure the uniform grid, too, beside the textbook's walk through the same cells
+    #[arg(long, conflicts_with_all = ["rays", "write_rays"])]
+    grid: bool,
+    /// Cells of the grid for each primitive
+    #[arg(long, value_name = "N", default_value_t = BuildSettings::GRID_DENSITY, requires = "grid", value_parser = super::render::density)]
+    grid_density: f64,
     /// Rounds of each measurement; their median is told
     #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: u32,
@@ -92,11 +98,9 @@ pub fn kernels(args: &KernelsArgs) -> Result<()> {
             _ => None,
         };
         for scene in scenes {
-            let subject = Subject::load(scene, args.build)?;
+            let mut subject = Subject::load(scene, args.build)?;
             match (&file, &args.write_rays) {
-                (Some(set), _) => {
-                    report(args, scene, &subject, set, &[(Traversal::Chosen, Level::chosen())])?
-                }
+                (Some(set), _) => report(args, scene, &subject, set, &[Mode::chosen()])?,
                 (None, Some(folder)) => write_classes(args, scene, &subject, folder)?,
                 (None, None) => {
                     let levels = || {
@@ -104,10 +108,14 @@ pub fn kernels(args: &KernelsArgs) -> Result<()> {
                             .into_iter()
                             .filter(|level| level.is_available() && *level <= Level::chosen())
                     };
-                    let modes: Vec<_> = Traversal::ALL
+                    let mut modes: Vec<_> = Traversal::ALL
                         .into_iter()
-                        .flat_map(|traversal| levels().map(move |level| (traversal, level)))
+                        .flat_map(|traversal| levels().map(move |level| Mode::Tree(traversal, level)))
                         .collect();
+                    if args.grid {
+                        subject.build_grid(args.grid_density);
+                        modes.extend([Mode::Grid, Mode::PlainGrid]);
+                    }
                     for set in subject.classes(args.seed) {
                         report(args, scene, &subject, &set, &modes)?;
                     }
@@ -118,16 +126,10 @@ pub fn kernels(args: &KernelsArgs) -> Result<()> {
     })
 }
 
-fn report(
-    args: &KernelsArgs,
-    scene: &Path,
-    subject: &Subject,
-    set: &RaySet,
-    modes: &[(Traversal, Level)],
-) -> Result<()> {
+fn report(args: &KernelsArgs, scene: &Path, subject: &Subject, set: &RaySet, modes: &[Mode]) -> Result<()> {
     let mut text = String::new();
-    for &(traversal, level) in modes {
-        let (mut seconds, hits) = subject.time((traversal, level), &set.rays, set.kind, args.rounds as usize);
+    for &mode in modes {
+        let (mut seconds, hits) = subject.time(mode, &set.rays, set.kind, args.rounds as usize);
         seconds.sort_by(f64::total_cmp);
         let rate = |seconds: f64| set.rays.len() as f64 / seconds / 1e6;
         let row = Row {
@@ -135,7 +137,7 @@ fn report(
             primitives: subject.primitives(),
             build_s: subject.build.as_secs_f64(),
             class: set.name,
-            mode: format!("{} {}", traversal.name(), level.name()),
+            mode: mode.name(),
             threads: rayon::current_num_threads(),
             rays: set.rays.len(),
             hits,

@@ -10,6 +10,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::aim::Dice;
+use super::plain_grid;
+use crate::accel::Accel;
 use crate::accel::wide::level::{Level, Traversal};
 use crate::accel::wide::{Questions, Wide, prefetch_record};
 use crate::error::{Error, Result};
@@ -17,7 +19,7 @@ use crate::geometry::record::Answer;
 use crate::geometry::{NONE, Ray};
 use crate::scene::frame::Frame;
 use crate::scene::{Camera, Surfaces, load};
-use crate::settings::BuildPreset;
+use crate::settings::{AccelKind, BuildPreset, BuildSettings};
 
 /// Rays that one thread answers before it looks for more.
 const CHUNK: usize = 4096;
@@ -48,6 +50,32 @@ pub struct RaySet {
     pub rays: Vec<FileRay>,
 }
 
+/// How rays are answered.
+#[derive(Clone, Copy, Debug)]
+pub enum Mode {
+    /// By the hierarchy.
+    Tree(Traversal, Level),
+    /// By the grid, as the renderer walks it.
+    Grid,
+    /// By the textbook's walk through the same cells.
+    PlainGrid,
+}
+
+impl Mode {
+    /// What the renderer takes.
+    pub fn chosen() -> Mode {
+        Mode::Tree(Traversal::Chosen, Level::chosen())
+    }
+
+    pub fn name(self) -> String {
+        match self {
+            Mode::Tree(traversal, level) => format!("{} {}", traversal.name(), level.name()),
+            Mode::Grid => "grid".into(),
+            Mode::PlainGrid => "grid, textbook".into(),
+        }
+    }
+}
+
 /// A scene with its hierarchy.
 #[derive(Debug)]
 pub struct Subject {
@@ -58,7 +86,8 @@ pub struct Subject {
     size: f64,
     center: DVec3,
     wide: Wide,
-    /// What building took.
+    grid: Option<Accel>,
+    /// What building the hierarchy took.
     pub build: Duration,
 }
 
@@ -118,7 +147,13 @@ impl Subject {
         let camera = camera.ok_or_else(|| {
             Error::scene(path, None, "all surfaces lie in one point", "give a mesh with an extent")
         })?;
-        Ok(Subject { surfaces, frame, camera, size, center, wide, build })
+        Ok(Subject { surfaces, frame, camera, size, center, wide, grid: None, build })
+    }
+
+    /// Builds a grid, too, of about so many cells for each primitive: for [`Mode::Grid`] and [`Mode::PlainGrid`].
+    pub fn build_grid(&mut self, density: f64) {
+        let settings = BuildSettings { grid_density: density, ..BuildSettings::default() };
+        self.grid = Some(Accel::build(AccelKind::Grid, settings, &self.surfaces));
     }
 
     /// Number of primitives.
@@ -127,13 +162,7 @@ impl Subject {
     }
 
     /// Traces all rays, some rounds of it; seconds of each and the number of hits.
-    pub fn time(
-        &self,
-        (traversal, level): (Traversal, Level),
-        rays: &[FileRay],
-        kind: Kind,
-        rounds: usize,
-    ) -> (Vec<f64>, usize) {
+    pub fn time(&self, mode: Mode, rays: &[FileRay], kind: Kind, rounds: usize) -> (Vec<f64>, usize) {
         let mut hits = 0;
         let seconds = (0..rounds)
             .map(|_| {
@@ -145,7 +174,7 @@ impl Subject {
                         |answers, rays| {
                             let answers = &mut answers[..rays.len()];
                             let asked = Asked { rays, frame: &self.frame, any: kind == Kind::Occluded };
-                            self.wide.trace_at(level, traversal, &self.surfaces, &asked, answers);
+                            self.answer(mode, &asked, answers);
                             answers.iter().filter(|answer| answer.is_hit()).count()
                         },
                     )
@@ -154,6 +183,25 @@ impl Subject {
             })
             .collect();
         (seconds, hits)
+    }
+
+    fn answer(&self, mode: Mode, asked: &Asked, answers: &mut [Answer]) {
+        let grid = self.grid.as_ref();
+        let hit = |is_hit: bool| Answer { primitive: if is_hit { 0 } else { NONE }, ..Answer::MISS };
+        for (index, answer) in answers.iter_mut().enumerate() {
+            let (ray, any) = asked.question(index);
+            *answer = match (mode, grid) {
+                (Mode::Tree(traversal, level), _) => {
+                    return self.wide.trace_at(level, traversal, &self.surfaces, asked, answers);
+                }
+                (Mode::Grid, Some(grid)) if any => hit(grid.occluded(&self.surfaces, &ray)),
+                (Mode::Grid, Some(grid)) => grid.closest(&self.surfaces, &ray),
+                (Mode::PlainGrid, Some(Accel::Grid(grid))) => {
+                    hit(plain_grid::is_hit(grid, &self.surfaces, &ray, any))
+                }
+                (Mode::Grid | Mode::PlainGrid, _) => hit(false),
+            };
+        }
     }
 
     /// The classes: primary, shadow, diffuse, random (diffuse shuffled) and ambient occlusion.
@@ -321,12 +369,16 @@ mod tests {
     #[test]
     fn classes_come_from_what_the_camera_sees() {
         let folder = tempfile::tempdir().unwrap();
-        let subject = Subject::load(&mesh_file(folder.path()), BuildPreset::Fast).unwrap();
+        let mut subject = Subject::load(&mesh_file(folder.path()), BuildPreset::Fast).unwrap();
+        subject.build_grid(40.0);
         let classes = subject.classes(0);
         let hits = |name: &str| {
             let set = classes.iter().find(|set| set.name == name).unwrap();
-            let (seconds, hits) = subject.time((Traversal::Chosen, Level::chosen()), &set.rays, set.kind, 2);
+            let (seconds, hits) = subject.time(Mode::chosen(), &set.rays, set.kind, 2);
             assert_eq!(seconds.len(), 2);
+            for mode in [Mode::Grid, Mode::PlainGrid] {
+                assert_eq!(subject.time(mode, &set.rays, set.kind, 1).1, hits, "{name} by {}", mode.name());
+            }
             (set.rays.len(), hits)
         };
         let (rays, seen) = hits("prim");

@@ -9,6 +9,7 @@ pub mod judge;
 pub mod kernels;
 pub mod ladder;
 pub mod meshes;
+mod plain_grid;
 pub mod prediction;
 pub mod probe;
 pub mod referee;

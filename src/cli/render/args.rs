@@ -245,7 +245,7 @@ fn bytes(text: &str) -> std::result::Result<u64, String> {
     parsed.filter(|&bytes| bytes > 0).ok_or_else(|| "give a number of bytes, such as 256M or 2G".into())
 }
 
-fn density(text: &str) -> std::result::Result<f64, String> {
+pub fn density(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (1e-6..=1000.0).contains(&value) => Ok(value),
         _ => Err("give a number of cells for each primitive, from 0.000001 to 1000".into()),

@@ -5,8 +5,8 @@ mod args;
 use std::path::PathBuf;
 use std::time::Instant;
 
-pub use self::args::Args;
 use self::args::{Aov, image_settings};
+pub use self::args::{Args, density};
 pub(super) use self::args::{positive, seconds, size};
 use super::{note, warn};
 use crate::accel::{Accel, divided};
