@@ -10,6 +10,8 @@ use crate::geometry::{Prepared, Ray};
 
 /// A block that has nothing, in [`Voxels::owners`].
 pub const NOBODY: u32 = u32::MAX;
+/// A block that every rank has, in [`Voxels::owners`].
+pub const EVERYBODY: u32 = u32::MAX - 1;
 
 /// The space of a scene in voxels, and whose they are: what every rank knows of all.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -17,14 +19,17 @@ pub struct Voxels {
     pub lattice: Lattice,
     /// Of each block of voxels the bits of those that hold something.
     pub occupied: Vec<u64>,
-    /// Of each block the rank that holds all that reaches into its voxels, or [`NOBODY`].
+    /// Of each block the rank that holds all that reaches into its voxels, [`NOBODY`] or [`EVERYBODY`].
     pub owners: Vec<u32>,
+    /// Ranks that have blocks of their own.
+    pub owning: u32,
 }
 
 /// How rays find the parts of a scene that they may meet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Route {
-    /// By place: a ray visits the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them.
+    /// By place: a ray visits the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them. Any of them
+    /// answers for what all have; where a ray comes to that first, the rank that made it does.
     Voxels(Voxels),
     /// Every ray asks every rank, its own first.
     All,
@@ -53,23 +58,32 @@ impl Route {
             Route::Voxels(voxels) if voxels.owners.is_empty() => None,
             Route::Voxels(voxels) if !voxels.lattice.serves(ray.origin.to_array()) => in_turn(),
             Route::Voxels(voxels) => {
-                voxels.owner_after(hops, &Ray { t_max: ray.t_max.min(t_best), ..*ray }, ranks)
+                voxels.owner_after(progress, &Ray { t_max: ray.t_max.min(t_best), ..*ray }, ranks)
             }
         }
     }
 }
 
 impl Voxels {
-    /// The owner that the ray comes to after `hops` others.
-    fn owner_after(&self, hops: usize, ray: &Ray, ranks: usize) -> Option<usize> {
+    /// The owner that the ray comes to after so many others.
+    fn owner_after(&self, Progress { home, hops }: Progress, ray: &Ray, ranks: usize) -> Option<usize> {
+        // The first may have been one without blocks of its own.
+        if hops > self.owning {
+            return None;
+        }
         let prepared = Prepared::new(ray);
         let seen = Seen::new(ranks);
         let mut found = None;
-        // Once an owner is counted its other blocks are as good as empty.
-        let others = |block: usize| if seen.holds(self.owners[block]) { 0 } else { self.occupied[block] };
+        // Once an owner is counted its other blocks are as good as empty, and with the first those that all have.
+        let others = |block: usize| match self.owners[block] {
+            EVERYBODY if !seen.is_empty() => 0,
+            owner if seen.holds(owner) => 0,
+            _ => self.occupied[block],
+        };
         self.lattice.walk(&prepared, others, |_, block| {
-            if seen.insert(self.owners[block]) == hops {
-                found = Some(self.owners[block] as usize);
+            let owner = if self.owners[block] == EVERYBODY { home } else { self.owners[block] };
+            if seen.insert(owner) == hops {
+                found = Some(owner as usize);
                 return None;
             }
             Some(prepared.t_max)
@@ -82,7 +96,7 @@ impl Voxels {
 struct Seen {
     few: Cell<u64>,
     more: Vec<Cell<u64>>,
-    count: Cell<usize>,
+    count: Cell<u32>,
 }
 
 impl Seen {
@@ -91,17 +105,22 @@ impl Seen {
         Seen { few: Cell::new(0), more, count: Cell::new(0) }
     }
 
+    #[inline]
+    fn is_empty(&self) -> bool {
+        self.count.get() == 0
+    }
+
     fn word(&self, rank: u32) -> &Cell<u64> {
         if self.more.is_empty() { &self.few } else { &self.more[rank as usize / 64] }
     }
 
     #[inline]
     fn holds(&self, rank: u32) -> bool {
-        rank != NOBODY && self.word(rank).get() >> (rank % 64) & 1 == 1
+        rank < EVERYBODY && self.word(rank).get() >> (rank % 64) & 1 == 1
     }
 
     /// Adds a rank that isn't there yet; how many there were.
-    fn insert(&self, rank: u32) -> usize {
+    fn insert(&self, rank: u32) -> u32 {
         let word = self.word(rank);
         word.set(word.get() | 1 << (rank % 64));
         self.count.replace(self.count.get() + 1)
@@ -161,8 +180,13 @@ mod tests {
             origins in prop::collection::vec(prop::array::uniform3(-2.0f64..2.0), 6),
             directions in prop::collection::vec(direction(), 6),
             far in prop_oneof![Just(1.0), Just(1e3), Just(1e9)],
+            copies in prop_oneof![Just(0u64), 1u64..500, Just(u64::MAX)],
+            home in 0u32..70,
         ) {
-            let voxels = Survey::new(&surfaces, ranks).divide(ranks, &[]);
+            let survey = Survey::new(&surfaces, ranks);
+            let hot = survey.hottest(&vec![1.0; survey.occupied.len()], copies);
+            let voxels = survey.divide(ranks, &[], &hot);
+            let home = home % ranks as u32;
             let parts: Vec<Vec<u32>> = (0..ranks).map(|rank| voxels.part(&surfaces, rank)).collect();
             let route = Route::Voxels(voxels);
             for (origin, direction) in origins.iter().zip(&directions) {
@@ -171,7 +195,7 @@ mod tests {
                 let mut ray = Ray {
                     origin: from, direction: along, t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE,
                 };
-                let all = asked(&route, &ray, f64::INFINITY, ranks, 0);
+                let all = asked(&route, &ray, f64::INFINITY, ranks, home);
                 let mut once = all.clone();
                 once.sort_unstable();
                 once.dedup();
@@ -182,13 +206,45 @@ mod tests {
                     if !hit.is_hit() {
                         break;
                     }
-                    let before = asked(&route, &ray, hit.t, ranks, 0);
+                    let before = asked(&route, &ray, hit.t, ranks, home);
                     let held = |&rank: &usize| parts[rank].binary_search(&hit.primitive).is_ok();
                     prop_assert!(before.iter().any(held), "{hit:?} of {ray:?}: asked {before:?}");
-                    prop_assert!(asked(&route, &ray, f64::INFINITY, ranks, 0).starts_with(&before));
+                    prop_assert!(asked(&route, &ray, f64::INFINITY, ranks, home).starts_with(&before));
                     (ray.t_min, ray.first_id) = (hit.t, hit.primitive + 1);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_all_have_is_asked_of_whom_the_ray_is_with() {
+        let balls = (0..6).map(|x| Sphere { center: [x as f32, 0.0, 0.0], radius: 1e-4 });
+        let surfaces = Surfaces { spheres: balls.collect::<Vec<_>>().into(), ..Surfaces::default() };
+        let survey = Survey::new(&surfaces, 3);
+        let along = |direction: DVec3, origin: f64| Ray {
+            origin: DVec3::new(origin, 0.0, 0.0),
+            direction,
+            t_min: 0.0,
+            t_max: f64::INFINITY,
+            first_id: 0,
+            start: NONE,
+        };
+        // Two balls for each rank; what is left of them once the first ball, or all, are everybody's.
+        let route = |hot: &[usize]| Route::Voxels(survey.divide(3, &[], hot));
+        let asked = |hot: &[usize], ray: &Ray, home: u32| asked(&route(hot), ray, f64::INFINITY, 3, home);
+        let (forth, back) = (along(DVec3::X, -1.0), along(-DVec3::X, 6.0));
+        assert_eq!(asked(&[], &forth, 1), [0, 1, 2]);
+        let heat = survey.heat(&[along(DVec3::Y, 0.0)]);
+        let first = survey.hottest(&heat, u64::MAX);
+        assert_eq!(first.len(), 1);
+        for home in 0..3 {
+            // The rank that made it is asked first, and as an owner not again.
+            let mut expected: Vec<usize> = vec![home as usize];
+            expected.extend((0..3).filter(|&rank| rank != home as usize));
+            assert_eq!(asked(&first, &forth, home), expected);
+            assert_eq!(asked(&first, &back, home), [2, 1, 0]);
+            let all = survey.hottest(&vec![1.0; survey.occupied.len()], u64::MAX);
+            assert_eq!(asked(&all, &forth, home), [home as usize]);
         }
     }
 

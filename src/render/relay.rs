@@ -308,11 +308,15 @@ impl<'r> Leg<'r> {
             Some(rank) if rank == self.relay.rank => self.streams.push(record.stream, pending),
             Some(rank) => self.send(rank, pending),
             None if !best.is_hit() || *holder as usize == self.relay.rank => self.conclude(&pending),
-            None => {
-                let holder = *holder as usize;
-                progress.hops = TO_BE_SHADED;
-                self.send(holder, pending);
-            }
+            None => match self.relay.local(best.primitive) {
+                // What several ranks have is shaded by any of them.
+                Some(primitive) => self.conclude(&Pending { primitive, ..pending }),
+                None => {
+                    let holder = *holder as usize;
+                    progress.hops = TO_BE_SHADED;
+                    self.send(holder, pending);
+                }
+            },
         }
     }
 
