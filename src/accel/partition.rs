@@ -79,7 +79,6 @@ impl Survey {
             lattice: self.lattice,
             occupied: self.occupied.clone(),
             owners: vec![NOBODY; self.occupied.len()],
-            owning: 0,
         };
         let mut visits = vec![0u32; self.occupied.len()];
         // A ray is shaded, and shadow rays begin, where it first comes to something.
@@ -100,14 +99,11 @@ impl Survey {
         let is_owned = |block: &usize| self.occupied[*block] != 0 && voxels.owners[*block] == NOBODY;
         let mut blocks: Vec<usize> = (0..self.occupied.len()).filter(is_owned).collect();
         blocks.sort_by_key(|&block| morton(self.lattice.block_place(block)));
-        let (mut before, mut last) = (0.0, NOBODY);
+        let mut before = 0.0;
         for block in blocks {
             // The rank in whose share the block's middle lies.
             let middle = before + 0.5 * weight(block);
-            let owner = ((middle * ranks as f64) as u32).min(ranks as u32 - 1);
-            // Owners come in order.
-            voxels.owning += u32::from(owner != std::mem::replace(&mut last, owner));
-            voxels.owners[block] = owner;
+            voxels.owners[block] = ((middle * ranks as f64) as u32).min(ranks as u32 - 1);
             before += weight(block);
         }
         voxels
