@@ -204,6 +204,8 @@ pub struct RunSettings {
     pub deal: Deal,
     /// Bytes that each rank gives to rays under way where they travel.
     pub ray_memory: u64,
+    /// Bytes that each rank gives to copies of hot blocks where it has a part of the scene by place.
+    pub replicate_hot: Option<u64>,
     /// Seconds of tracing after which no more samples are begun: the one thing here that changes the image.
     pub time_limit: Option<f64>,
 }
@@ -223,6 +225,7 @@ impl Default for RunSettings {
             tile_size: 32,
             deal: Deal::default(),
             ray_memory: RunSettings::RAY_MEMORY,
+            replicate_hot: None,
             time_limit: None,
         }
     }

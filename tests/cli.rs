@@ -282,6 +282,15 @@ fn wrong_flags_are_usage_errors() {
     refuses(&["render", &spheres, "-o", "image.gif"], 2, &["image.gif", ".png"]);
     refuses(&["render", &spheres, "--width", "65536", "--height", "65536"], 2, &["--width", "2^32"]);
     refuses(&["render", &spheres, "-q", "-v"], 2, &["--quiet", "--verbose"]);
+    let hot = ["--replicate-hot", "8M"];
+    refuses(&[&["render", &spheres], &hot[..]].concat(), 2, &["--replicate-hot", "--split voxels"]);
+    refuses(
+        &["render", &spheres, "--split", "voxels", "--replicate-hot", "0"],
+        2,
+        &["--replicate-hot", "256M"],
+    );
+    let triangles = ["info", &spheres, "--split", "triangles", "--ranks", "2"];
+    refuses(&[&triangles[..], &hot].concat(), 2, &["--replicate-hot", "--split voxels"]);
     refuses(&["compare", "a.png"], 2, &["<TEST>"]);
 }
 

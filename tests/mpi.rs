@@ -32,13 +32,15 @@ struct Way {
     deal: Deal,
     accel: AccelKind,
     ray_memory: u64,
+    replicate_hot: Option<u64>,
 }
 
 const fn way(threads: usize, tile_size: u32, chunk_bytes: usize, split: Split, accel: AccelKind) -> Way {
-    Way { threads, tile_size, chunk_bytes, split, deal: Deal::Interleaved, accel, ray_memory: 1 << 26 }
+    let (deal, ray_memory, replicate_hot) = (Deal::Interleaved, 1 << 26, None);
+    Way { threads, tile_size, chunk_bytes, split, deal, accel, ray_memory, replicate_hot }
 }
 
-const WAYS: [Way; 9] = [
+const WAYS: [Way; 10] = [
     way(1, 16, 1 << 28, Split::Tiles, AccelKind::Bvh),
     way(2, 8, 1_000, Split::Tiles, AccelKind::Bvh),
     way(1, 64, 4_097, Split::Tiles, AccelKind::Grid),
@@ -46,6 +48,7 @@ const WAYS: [Way; 9] = [
     Way { deal: Deal::Blocks, ..way(1, 16, 1 << 20, Split::Stream, AccelKind::Grid) },
     way(1, 32, 70_000, Split::Voxels, AccelKind::Bvh),
     Way { ray_memory: 300_000, deal: Deal::Blocks, ..way(2, 32, 1 << 28, Split::Voxels, AccelKind::Grid) },
+    Way { replicate_hot: Some(200_000), ..way(2, 32, 1 << 28, Split::Voxels, AccelKind::Bvh) },
     way(1, 32, 1 << 28, Split::Triangles, AccelKind::Bvh),
     Way { ray_memory: 300_000, ..way(2, 32, 90_000, Split::Triangles, AccelKind::Grid) },
 ];
@@ -87,6 +90,7 @@ fn render_all(comm: &dyn Comm) -> Result<()> {
                     tile_size: way.tile_size,
                     deal: way.deal,
                     ray_memory: way.ray_memory,
+                    replicate_hot: way.replicate_hot,
                     ..RunSettings::default()
                 };
             }

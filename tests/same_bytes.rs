@@ -62,14 +62,16 @@ fn ranks_that_have_parts_only_see_the_same() {
         let mut work = small_work(&scene, AccelKind::Bvh);
         let expected = fingerprint(&render(&work, 2));
         let ways = [
-            (Split::Stream, 3, 1 << 26),
-            (Split::Voxels, 1, 1 << 26),
-            (Split::Voxels, 2, 1 << 26),
-            (Split::Voxels, 5, 1 << 18),
-            (Split::Triangles, 3, 1 << 18),
+            (Split::Stream, 3, 1 << 26, None),
+            (Split::Voxels, 1, 1 << 26, None),
+            (Split::Voxels, 2, 1 << 26, None),
+            (Split::Voxels, 5, 1 << 18, None),
+            (Split::Voxels, 3, 1 << 26, Some(100_000)),
+            (Split::Voxels, 2, 1 << 18, Some(1 << 40)),
+            (Split::Triangles, 3, 1 << 18, None),
         ];
-        for (seed, (split, ranks, ray_memory)) in (0..).zip(ways) {
-            work.run = RunSettings { split, ray_memory, ..RunSettings::default() };
+        for (seed, (split, ranks, ray_memory, replicate_hot)) in (0..).zip(ways) {
+            work.run = RunSettings { split, ray_memory, replicate_hot, ..RunSettings::default() };
             let group = memory::delayed_group(ranks, seed);
             let found = std::thread::scope(|scope| {
                 let work = &work;

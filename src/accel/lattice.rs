@@ -25,6 +25,9 @@ const FARTHEST: f64 = (1u64 << 20) as f64;
 /// Cells along an edge of a block; a bit of a `u64` for each cell of it.
 pub const BLOCK: u32 = 4;
 
+/// Some of the cells along each axis: from the first on, and before the second.
+pub type Span = [[i32; 2]; 3];
+
 /// Cells of a box: cell (x, y, z) has the number (z * ny + y) * nx + x. Blocks of 4³ cells are numbered alike.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Lattice {
@@ -157,6 +160,35 @@ impl Lattice {
         norm_max(origin) <= FARTHEST * self.extent
     }
 
+    /// The cells of the smallest box that holds these blocks, or `None` if there are none.
+    pub fn span(&self, blocks: impl Iterator<Item = usize>) -> Option<Span> {
+        let edge = BLOCK as i32;
+        blocks
+            .map(|block| self.block_place(block).map(|c| [edge * c as i32, edge * (c as i32 + 1)]))
+            .reduce(|a, b| std::array::from_fn(|k| [a[k][0].min(b[k][0]), a[k][1].max(b[k][1])]))
+            .map(|span| std::array::from_fn(|k| [span[k][0], span[k][1].min(self.counts[k] as i32)]))
+    }
+
+    /// The first cell that [`Lattice::walk`] comes to, occupied or not, where a ray begins well inside the box.
+    #[inline]
+    pub fn first(&self, ray: &Prepared) -> Option<[u32; 3]> {
+        let (origin, direction) = (ray.origin, ray.direction);
+        let slack = (norm_max(origin) + self.extent) * SLACK;
+        let enter = ray.t_min - slack;
+        let mut cell = [0; 3];
+        for axis in 0..3 {
+            // Crossings of the box's planes lie before by half the slack at least, far more than rounding takes, so the walk enters where it would without a box.
+            let begin = origin[axis] + ray.t_min * direction[axis] - self.low[axis];
+            let count = f64::from(self.counts[axis]);
+            if !(begin > slack && begin < count * self.size[axis] - slack) {
+                return None;
+            }
+            let place = origin[axis] + enter * direction[axis] - self.low[axis];
+            cell[axis] = ((place * (1.0 / self.size[axis])) as u32).min(self.counts[axis] - 1);
+        }
+        (ray.t_min <= ray.t_max).then_some(cell)
+    }
+
     /// Walks the cells along a ray and calls `visit` with each occupied one and its block, in order, until it answers `None` or the next cell lies
     /// beyond the t that it answered last, at first the ray's end. t is in units of the scaled direction. The ray's origin must be served.
     ///
@@ -166,6 +198,18 @@ impl Lattice {
         &self,
         ray: &Prepared,
         occupied: impl Fn(usize) -> u64,
+        visit: impl FnMut([u32; 3], usize) -> Option<f64>,
+    ) {
+        self.walk_within(self.counts.map(|count| [0, count as i32]), ray, occupied, visit);
+    }
+
+    /// The same of the cells of a span alone.
+    #[inline]
+    pub fn walk_within(
+        &self,
+        span: Span,
+        ray: &Prepared,
+        occupied: impl Fn(usize) -> u64,
         mut visit: impl FnMut([u32; 3], usize) -> Option<f64>,
     ) {
         let (origin, direction) = (ray.origin, ray.direction);
@@ -173,12 +217,12 @@ impl Lattice {
         let (mut enter, mut exit) = (ray.t_min - slack, ray.t_max + slack);
         // Plane p of an axis is crossed at zero + p * width.
         let (mut zero, mut width, mut per_length) = ([f64::INFINITY; 3], [0.0; 3], [0.0; 3]);
-        let (mut step, mut ahead, mut count) = ([-1; 3], [0; 3], [0; 3]);
+        let (mut step, mut ahead) = ([-1; 3], [0; 3]);
+        let count = self.counts.map(|count| count as i32);
         for axis in 0..3 {
-            count[axis] = self.counts[axis] as i32;
             per_length[axis] = 1.0 / self.size[axis];
-            let high = self.low[axis] + f64::from(count[axis]) * self.size[axis];
-            let (first, last) = (self.low[axis] - origin[axis], high - origin[axis]);
+            let [low, high] = span[axis].map(|plane| self.low[axis] + f64::from(plane) * self.size[axis]);
+            let (first, last) = (low - origin[axis], high - origin[axis]);
             if !moves(direction[axis]) {
                 if first > slack || last < -slack {
                     return;
@@ -189,9 +233,11 @@ impl Lattice {
                 (step[axis], ahead[axis]) = (1, 1);
             }
             let inverse = 1.0 / direction[axis];
-            (zero[axis], width[axis]) = (first * inverse, self.size[axis] * inverse);
-            enter = enter.max(zero[axis].min(last * inverse) - slack);
-            exit = exit.min(zero[axis].max(last * inverse) + slack);
+            (zero[axis], width[axis]) =
+                ((self.low[axis] - origin[axis]) * inverse, self.size[axis] * inverse);
+            let (first, last) = (first * inverse, last * inverse);
+            enter = enter.max(first.min(last) - slack);
+            exit = exit.min(first.max(last) + slack);
         }
         if enter > exit {
             return;
@@ -206,7 +252,7 @@ impl Lattice {
         let layer = row * ((count[1] + edge - 1) / edge);
         let (mut cell, mut next) = ([0; 3], [0.0; 3]);
         for axis in 0..3 {
-            cell[axis] = at(axis, enter).clamp(0, count[axis] - 1);
+            cell[axis] = at(axis, enter).clamp(span[axis][0], span[axis][1] - 1);
             next[axis] = crossing(axis, cell[axis] + ahead[axis]);
         }
         let mut end = exit;
@@ -228,7 +274,7 @@ impl Lattice {
                     return;
                 }
                 cell[through] += step[through];
-                if cell[through] < 0 || cell[through] >= count[through] {
+                if cell[through] < span[through][0] || cell[through] >= span[through][1] {
                     return;
                 }
                 next[through] = crossing(through, cell[through] + ahead[through]);
@@ -248,7 +294,7 @@ impl Lattice {
             for axis in 0..3 {
                 if axis == through {
                     cell[axis] = if ahead[axis] == 1 { low[axis] + edge } else { low[axis] - 1 };
-                    if cell[axis] < 0 || cell[axis] >= count[axis] {
+                    if cell[axis] < span[axis][0] || cell[axis] >= span[axis][1] {
                         return;
                     }
                 } else if ahead[axis] == 1 {

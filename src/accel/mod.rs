@@ -3,6 +3,7 @@
 mod brute;
 pub mod divided;
 pub mod grid;
+pub mod hot;
 pub mod lattice;
 pub mod partition;
 pub mod route;
@@ -106,6 +107,20 @@ impl Accel {
             AccelKind::Bvh => surfaces.len() as u64 * wide::bytes_to_build(preset),
             AccelKind::Grid => surfaces.len() as u64 * grid::BYTES_TO_BUILD,
             AccelKind::Spheres => surfaces.len() as u64 * spheres::BYTES_TO_BUILD,
+            AccelKind::Brute => 0,
+        }
+    }
+
+    /// Bytes that a structure holds for each of these primitives, about, on the mean.
+    pub fn bytes_each(kind: AccelKind, surfaces: &Surfaces) -> u64 {
+        let (triangles, spheres) = (surfaces.triangles.len() as u64, surfaces.spheres.len() as u64);
+        match kind {
+            AccelKind::Bvh => {
+                let all = wide::BYTES * triangles + wide::BYTES_OF_SPHERE * spheres;
+                all.div_ceil((triangles + spheres).max(1))
+            }
+            AccelKind::Grid => grid::BYTES_TO_BUILD,
+            AccelKind::Spheres => spheres::BYTES_TO_BUILD,
             AccelKind::Brute => 0,
         }
     }

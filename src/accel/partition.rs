@@ -2,10 +2,11 @@
 
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use super::lattice::Lattice;
-use super::route::{NOBODY, Voxels};
+use super::route::{EVERYBODY, NOBODY, Voxels};
 use super::{bounds, solid, solid_ids};
 use crate::geometry::{Prepared, Ray};
 use crate::scene::Surfaces;
@@ -28,7 +29,7 @@ pub struct Survey {
     pub lattice: Lattice,
     pub occupied: Vec<u64>,
     /// Primitives that reach into each block.
-    entries: Vec<u32>,
+    pub(super) entries: Vec<u32>,
 }
 
 impl Survey {
@@ -56,36 +57,47 @@ impl Survey {
         }
     }
 
+    /// Where a ray first comes to something: its block, and the middle of the voxel.
+    pub fn first(&self, ray: &Ray) -> Option<(usize, DVec3)> {
+        let mut first = None;
+        if self.lattice.serves(ray.origin.to_array()) {
+            let occupied = |block: usize| self.occupied[block];
+            self.lattice.walk(&Prepared::new(ray), occupied, |cell, block| {
+                let Lattice { low, size, .. } = self.lattice;
+                let middle = DVec3::from(cell.map(f64::from)) + 0.5;
+                first = Some((block, DVec3::from(low) + middle * DVec3::from(size)));
+                None
+            });
+        }
+        first
+    }
+
     /// Gives each block with something in it to one of `ranks`: runs along a Morton curve of about equal weight, which is that of the primitives and of the `looks`, rays that
-    /// tell which blocks are looked at.
-    pub fn divide(&self, ranks: usize, looks: &[Ray]) -> Voxels {
+    /// tell which blocks are looked at. The blocks `hot` go to all ranks.
+    pub fn divide(&self, ranks: usize, looks: &[Ray], hot: &[usize]) -> Voxels {
         let mut voxels = Voxels {
             lattice: self.lattice,
             occupied: self.occupied.clone(),
             owners: vec![NOBODY; self.occupied.len()],
         };
         let mut visits = vec![0u32; self.occupied.len()];
-        for ray in looks.iter().filter(|ray| self.lattice.serves(ray.origin.to_array())) {
-            let prepared = Prepared::new(ray);
-            // It is shaded, and shadow rays begin, where it first comes to something.
-            self.lattice.walk(
-                &prepared,
-                |block| self.occupied[block],
-                |_, block| {
-                    visits[block] += 1;
-                    None
-                },
-            );
+        // A ray is shaded, and shadow rays begin, where it first comes to something.
+        looks.iter().filter_map(|ray| self.first(ray)).for_each(|(block, _)| visits[block] += 1);
+        // What all have weighs on all alike.
+        let mut entries = self.entries.clone();
+        for &block in hot {
+            voxels.owners[block] = EVERYBODY;
+            (entries[block], visits[block]) = (0, 0);
         }
         let sum = |counts: &[u32]| counts.iter().map(|&count| f64::from(count)).sum::<f64>().max(1.0);
-        let (all_entries, all_visits) = (sum(&self.entries), sum(&visits));
+        let (all_entries, all_visits) = (sum(&entries), sum(&visits));
         let share = if visits.iter().any(|&count| count > 0) { RAYS_SHARE } else { 0.0 };
         let weight = |block: usize| {
-            (1.0 - share) * f64::from(self.entries[block]) / all_entries
+            (1.0 - share) * f64::from(entries[block]) / all_entries
                 + share * f64::from(visits[block]) / all_visits
         };
-        let mut blocks: Vec<usize> =
-            (0..self.occupied.len()).filter(|&block| self.occupied[block] != 0).collect();
+        let is_owned = |block: &usize| self.occupied[*block] != 0 && voxels.owners[*block] == NOBODY;
+        let mut blocks: Vec<usize> = (0..self.occupied.len()).filter(is_owned).collect();
         blocks.sort_by_key(|&block| morton(self.lattice.block_place(block)));
         let mut before = 0.0;
         for block in blocks {
@@ -101,11 +113,17 @@ impl Survey {
 impl Voxels {
     /// How many primitives each rank has. On the current rayon pool.
     pub fn counts(&self, surfaces: &Surfaces, ranks: usize) -> Vec<u64> {
-        let none = || (vec![0; ranks], vec![u32::MAX; ranks]);
+        // The last count is of what all have.
+        let none = || (vec![0; ranks + 1], vec![u32::MAX; ranks]);
         if self.owners.is_empty() {
-            return none().0;
+            return vec![0; ranks];
         }
+        let replicates = self.owners.contains(&EVERYBODY);
         let counted = solid_ids(surfaces).fold(none, |(mut counts, mut last), id| {
+            if replicates && self.reaches(surfaces, id, |owner| owner == EVERYBODY) {
+                counts[ranks] += 1;
+                return (counts, last);
+            }
             self.lattice.each_block(surfaces, id, |block, _| {
                 // Each primitive once, in however many blocks it is.
                 let owner = self.owners[block] as usize;
@@ -114,21 +132,34 @@ impl Voxels {
             (counts, last)
         });
         let sum = |a: Vec<u64>, b: Vec<u64>| a.iter().zip(&b).map(|(a, b)| a + b).collect();
-        counted.map(|(counts, _)| counts).reduce(|| none().0, sum)
+        let mut counts: Vec<u64> = counted.map(|(counts, _)| counts).reduce(|| none().0, sum);
+        let all = counts.pop().unwrap_or_default();
+        counts.into_iter().map(|own| own + all).collect()
     }
 
-    /// The primitives, ascending, of one rank: all that reach into voxels of its blocks. On the current rayon pool.
+    /// The primitives, ascending, of one rank: all that reach into voxels of its blocks and of those that all have. On the current rayon pool.
     pub fn part(&self, surfaces: &Surfaces, rank: usize) -> Vec<u32> {
         if self.owners.is_empty() {
             return Vec::new();
         }
-        solid_ids(surfaces)
-            .filter(|&id| {
-                let mut is_own = false;
-                self.lattice.each_block(surfaces, id, |block, _| is_own |= self.owners[block] == rank as u32);
-                is_own
-            })
-            .collect()
+        let is_held = |owner| owner == rank as u32 || owner == EVERYBODY;
+        solid_ids(surfaces).filter(|&id| self.reaches(surfaces, id, is_held)).collect()
+    }
+
+    /// How many primitives of its part a rank has only because all have them. On the current rayon pool.
+    pub fn copies(&self, part: &Surfaces, rank: usize) -> u64 {
+        if !self.owners.contains(&EVERYBODY) {
+            return 0;
+        }
+        let is_own = |owner| owner == rank as u32;
+        solid_ids(part).filter(|&id| !self.reaches(part, id, is_own)).count() as u64
+    }
+
+    /// Whether a primitive reaches into a block of such an owner.
+    fn reaches(&self, surfaces: &Surfaces, id: u32, is_meant: impl Fn(u32) -> bool) -> bool {
+        let mut reaches = false;
+        self.lattice.each_block(surfaces, id, |block, _| reaches |= is_meant(self.owners[block]));
+        reaches
     }
 }
 
@@ -203,7 +234,7 @@ mod tests {
     fn parts_cover_everything_and_are_about_equal() {
         let surfaces = surfaces();
         for ranks in [1, 2, 3, 8] {
-            let voxels = Survey::new(&surfaces, ranks).divide(ranks, &[]);
+            let voxels = Survey::new(&surfaces, ranks).divide(ranks, &[], &[]);
             let parts: Vec<_> = (0..ranks).map(|rank| voxels.part(&surfaces, rank)).collect();
             let mut all: Vec<u32> = parts.concat();
             all.sort_unstable();
@@ -232,7 +263,7 @@ mod tests {
     #[test]
     fn nothing_is_nobodys() {
         let survey = Survey::new(&Surfaces::default(), 3);
-        assert!(survey.divide(3, &[]).part(&Surfaces::default(), 1).is_empty());
+        assert!(survey.divide(3, &[], &[]).part(&Surfaces::default(), 1).is_empty());
         assert!(run_of(&along_curve(&Surfaces::default()), 2, 1).is_empty());
     }
 }

@@ -5,11 +5,13 @@ use std::cell::Cell;
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-use super::lattice::Lattice;
+use super::lattice::{Lattice, Span};
 use crate::geometry::{Prepared, Ray};
 
 /// A block that has nothing, in [`Voxels::owners`].
 pub const NOBODY: u32 = u32::MAX;
+/// A block that every rank has, in [`Voxels::owners`].
+pub const EVERYBODY: u32 = u32::MAX - 1;
 
 /// The space of a scene in voxels, and whose they are: what every rank knows of all.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -17,14 +19,15 @@ pub struct Voxels {
     pub lattice: Lattice,
     /// Of each block of voxels the bits of those that hold something.
     pub occupied: Vec<u64>,
-    /// Of each block the rank that holds all that reaches into its voxels, or [`NOBODY`].
+    /// Of each block the rank that holds all that reaches into its voxels, [`NOBODY`] or [`EVERYBODY`].
     pub owners: Vec<u32>,
 }
 
 /// How rays find the parts of a scene that they may meet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Route {
-    /// By place: a ray visits the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them.
+    /// By place: a ray visits the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them. Any of them
+    /// answers for what all have; where a ray comes to that first, the rank that made it does.
     Voxels(Voxels),
     /// Every ray asks every rank, its own first.
     All,
@@ -38,71 +41,150 @@ pub struct Progress {
     pub home: u32,
     /// Ranks that it has asked.
     pub hops: u32,
+    /// Which, bit by bit, of the first [`TOLD`].
+    asked: u64,
 }
 
-impl Route {
-    /// The rank, one of `ranks`, that a ray asks next, if one is left whose part may have a hit at up to `t_best`, in units of the ray's direction.
+/// Most ranks of which a ray carries along whom it has asked; of more that is found out anew from where it began.
+const TOLD: usize = u64::BITS as usize;
+
+impl Progress {
+    /// Of a ray that a rank has just made.
+    pub fn new(home: usize) -> Self {
+        Progress { home: home as u32, ..Progress::default() }
+    }
+
+    /// Notes that it has asked a rank.
+    pub fn ask(&mut self, rank: usize) {
+        self.hops += 1;
+        self.asked |= if rank < TOLD { 1 << rank } else { 0 };
+    }
+}
+
+/// What one of the ranks knows of the way on.
+#[derive(Debug)]
+pub struct Guide<'a> {
+    route: &'a Route,
+    ranks: usize,
+    /// Where there are blocks of others' own.
+    elsewhere: Option<Span>,
+}
+
+impl<'a> Guide<'a> {
+    pub fn new(route: &'a Route, rank: usize, ranks: usize) -> Self {
+        let elsewhere = match route {
+            Route::All => None,
+            Route::Voxels(Voxels { lattice, owners, .. }) => {
+                let others = |block: &usize| owners[*block] < EVERYBODY && owners[*block] != rank as u32;
+                lattice.span((0..owners.len()).filter(others))
+            }
+        };
+        Guide { route, ranks, elsewhere }
+    }
+
+    /// The rank that a ray asks next, if one is left whose part may have a hit at up to `t_best`, in units of the ray's direction. The ray is new, or has asked this rank last.
     ///
     /// The ranks before are the same for any `t_best`: a nearer one only ends the route sooner.
-    pub fn next(&self, ray: &Ray, t_best: f64, ranks: usize, progress: Progress) -> Option<usize> {
+    pub fn next(&self, ray: &Ray, t_best: f64, progress: &Progress) -> Option<usize> {
         let hops = progress.hops as usize;
-        let in_turn = || Some((progress.home as usize + hops) % ranks);
-        match self {
-            _ if hops >= ranks => None,
+        let in_turn = || Some((progress.home as usize + hops) % self.ranks);
+        match self.route {
+            _ if hops >= self.ranks => None,
             Route::All => in_turn(),
             Route::Voxels(voxels) if voxels.owners.is_empty() => None,
             Route::Voxels(voxels) if !voxels.lattice.serves(ray.origin.to_array()) => in_turn(),
             Route::Voxels(voxels) => {
-                voxels.owner_after(hops, &Ray { t_max: ray.t_max.min(t_best), ..*ray }, ranks)
+                let ray = Prepared::new(&Ray { t_max: ray.t_max.min(t_best), ..*ray });
+                let owner = match (hops, self.elsewhere) {
+                    (0, _) => voxels.first_owner(&ray),
+                    (_, None) => None,
+                    (_, Some(span)) if self.ranks <= TOLD => voxels.owner_beside(progress.asked, span, &ray),
+                    _ => voxels.owner_after(progress, &ray, self.ranks),
+                };
+                owner.map(|owner| if owner == EVERYBODY { progress.home } else { owner } as usize)
             }
         }
     }
 }
 
 impl Voxels {
-    /// The owner that the ray comes to after `hops` others.
-    fn owner_after(&self, hops: usize, ray: &Ray, ranks: usize) -> Option<usize> {
-        let prepared = Prepared::new(ray);
+    /// The owner that a ray first comes to.
+    fn first_owner(&self, ray: &Prepared) -> Option<u32> {
+        // Most rays begin on a surface, where a voxel is occupied.
+        if let Some(cell) = self.lattice.first(ray) {
+            let (block, bit) = self.lattice.block(cell);
+            if self.occupied[block] >> bit & 1 == 1 {
+                return Some(self.owners[block]);
+            }
+        }
+        let mut found = None;
+        self.lattice.walk(
+            ray,
+            |block| self.occupied[block],
+            |_, block| {
+                found = Some(self.owners[block]);
+                None
+            },
+        );
+        found
+    }
+
+    /// The first owner in a span that isn't one of those that a ray has `asked`.
+    fn owner_beside(&self, asked: u64, span: Span, ray: &Prepared) -> Option<u32> {
+        // The blocks of all others are as good as empty, and those that all have.
+        let others = |block: usize| match self.owners[block] {
+            owner if owner >= EVERYBODY || asked >> owner & 1 == 1 => 0,
+            _ => self.occupied[block],
+        };
+        let mut found = None;
+        self.lattice.walk_within(span, ray, others, |_, block| {
+            found = Some(self.owners[block]);
+            None
+        });
+        found
+    }
+
+    /// The owner that a ray comes to after so many others.
+    fn owner_after(&self, progress: &Progress, ray: &Prepared, ranks: usize) -> Option<u32> {
         let seen = Seen::new(ranks);
         let mut found = None;
-        // Once an owner is counted its other blocks are as good as empty.
-        let others = |block: usize| if seen.holds(self.owners[block]) { 0 } else { self.occupied[block] };
-        self.lattice.walk(&prepared, others, |_, block| {
-            if seen.insert(self.owners[block]) == hops {
-                found = Some(self.owners[block] as usize);
+        // Once an owner is counted its other blocks are as good as empty, and with the first those that all have.
+        let others = |block: usize| match self.owners[block] {
+            EVERYBODY if seen.count.get() > 0 => 0,
+            owner if seen.holds(owner) => 0,
+            _ => self.occupied[block],
+        };
+        self.lattice.walk(ray, others, |_, block| {
+            let owner = if self.owners[block] == EVERYBODY { progress.home } else { self.owners[block] };
+            if seen.insert(owner) == progress.hops {
+                found = Some(owner);
                 return None;
             }
-            Some(prepared.t_max)
+            Some(ray.t_max)
         });
         found
     }
 }
 
-/// A set of ranks, without any allocation for few.
+/// A set of ranks.
 struct Seen {
-    few: Cell<u64>,
-    more: Vec<Cell<u64>>,
-    count: Cell<usize>,
+    words: Vec<Cell<u64>>,
+    count: Cell<u32>,
 }
 
 impl Seen {
     fn new(ranks: usize) -> Self {
-        let more = if ranks > 64 { vec![Cell::new(0); ranks.div_ceil(64)] } else { Vec::new() };
-        Seen { few: Cell::new(0), more, count: Cell::new(0) }
-    }
-
-    fn word(&self, rank: u32) -> &Cell<u64> {
-        if self.more.is_empty() { &self.few } else { &self.more[rank as usize / 64] }
+        Seen { words: vec![Cell::new(0); ranks.div_ceil(64)], count: Cell::new(0) }
     }
 
     #[inline]
     fn holds(&self, rank: u32) -> bool {
-        rank != NOBODY && self.word(rank).get() >> (rank % 64) & 1 == 1
+        rank < EVERYBODY && self.words[rank as usize / 64].get() >> (rank % 64) & 1 == 1
     }
 
     /// Adds a rank that isn't there yet; how many there were.
-    fn insert(&self, rank: u32) -> usize {
-        let word = self.word(rank);
+    fn insert(&self, rank: u32) -> u32 {
+        let word = &self.words[rank as usize / 64];
         word.set(word.get() | 1 << (rank % 64));
         self.count.replace(self.count.get() + 1)
     }
@@ -121,10 +203,13 @@ mod tests {
     use crate::scene::mesh::Sphere;
 
     /// All ranks that a ray asks.
-    fn asked(route: &Route, ray: &Ray, t_best: f64, ranks: usize, home: u32) -> Vec<usize> {
-        let mut all = Vec::new();
-        while let Some(rank) = route.next(ray, t_best, ranks, Progress { home, hops: all.len() as u32 }) {
+    fn asked(route: &Route, ray: &Ray, t_best: f64, ranks: usize, home: usize) -> Vec<usize> {
+        let mut progress = Progress::new(home);
+        let (mut all, mut at) = (Vec::new(), home);
+        while let Some(rank) = Guide::new(route, at, ranks).next(ray, t_best, &progress) {
+            progress.ask(rank);
             all.push(rank);
+            at = rank;
         }
         all
     }
@@ -161,8 +246,13 @@ mod tests {
             origins in prop::collection::vec(prop::array::uniform3(-2.0f64..2.0), 6),
             directions in prop::collection::vec(direction(), 6),
             far in prop_oneof![Just(1.0), Just(1e3), Just(1e9)],
+            copies in prop_oneof![Just(0u64), 1u64..500, Just(u64::MAX)],
+            home in 0usize..70,
         ) {
-            let voxels = Survey::new(&surfaces, ranks).divide(ranks, &[]);
+            let survey = Survey::new(&surfaces, ranks);
+            let hot = survey.hottest(&vec![1.0; survey.occupied.len()], copies);
+            let voxels = survey.divide(ranks, &[], &hot);
+            let home = home % ranks;
             let parts: Vec<Vec<u32>> = (0..ranks).map(|rank| voxels.part(&surfaces, rank)).collect();
             let route = Route::Voxels(voxels);
             for (origin, direction) in origins.iter().zip(&directions) {
@@ -171,7 +261,17 @@ mod tests {
                 let mut ray = Ray {
                     origin: from, direction: along, t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE,
                 };
-                let all = asked(&route, &ray, f64::INFINITY, ranks, 0);
+                // Where a walk begins is told without walking.
+                let prepared = Prepared::new(&ray);
+                if let Some(first) = survey.lattice.first(&prepared) {
+                    let mut walked = None;
+                    survey.lattice.walk(&prepared, |_| u64::MAX, |cell, _| {
+                        walked = Some(cell);
+                        None
+                    });
+                    prop_assert_eq!(walked, Some(first));
+                }
+                let all = asked(&route, &ray, f64::INFINITY, ranks, home);
                 let mut once = all.clone();
                 once.sort_unstable();
                 once.dedup();
@@ -182,13 +282,45 @@ mod tests {
                     if !hit.is_hit() {
                         break;
                     }
-                    let before = asked(&route, &ray, hit.t, ranks, 0);
+                    let before = asked(&route, &ray, hit.t, ranks, home);
                     let held = |&rank: &usize| parts[rank].binary_search(&hit.primitive).is_ok();
                     prop_assert!(before.iter().any(held), "{hit:?} of {ray:?}: asked {before:?}");
-                    prop_assert!(asked(&route, &ray, f64::INFINITY, ranks, 0).starts_with(&before));
+                    prop_assert!(asked(&route, &ray, f64::INFINITY, ranks, home).starts_with(&before));
                     (ray.t_min, ray.first_id) = (hit.t, hit.primitive + 1);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_all_have_is_asked_of_whom_the_ray_is_with() {
+        let balls = (0..6).map(|x| Sphere { center: [x as f32, 0.0, 0.0], radius: 1e-4 });
+        let surfaces = Surfaces { spheres: balls.collect::<Vec<_>>().into(), ..Surfaces::default() };
+        let survey = Survey::new(&surfaces, 3);
+        let along = |direction: DVec3, origin: f64| Ray {
+            origin: DVec3::new(origin, 0.0, 0.0),
+            direction,
+            t_min: 0.0,
+            t_max: f64::INFINITY,
+            first_id: 0,
+            start: NONE,
+        };
+        // Two balls for each rank; what is left of them once the first ball, or all, are everybody's.
+        let route = |hot: &[usize]| Route::Voxels(survey.divide(3, &[], hot));
+        let asked = |hot: &[usize], ray: &Ray, home: usize| asked(&route(hot), ray, f64::INFINITY, 3, home);
+        let (forth, back) = (along(DVec3::X, -1.0), along(-DVec3::X, 6.0));
+        assert_eq!(asked(&[], &forth, 1), [0, 1, 2]);
+        let heat = survey.heat(&[along(DVec3::Y, 0.0)]);
+        let first = survey.hottest(&heat, u64::MAX);
+        assert_eq!(first.len(), 1);
+        for home in 0..3 {
+            // The rank that made it is asked first, and as an owner not again.
+            let mut expected: Vec<usize> = vec![home];
+            expected.extend((0..3).filter(|&rank| rank != home));
+            assert_eq!(asked(&first, &forth, home), expected);
+            assert_eq!(asked(&first, &back, home), [2, 1, 0]);
+            let all = survey.hottest(&vec![1.0; survey.occupied.len()], u64::MAX);
+            assert_eq!(asked(&all, &forth, home), [home]);
         }
     }
 

@@ -6,15 +6,14 @@ use std::time::Instant;
 
 use super::{Crew, Work};
 use crate::accel::Accel;
-use crate::accel::partition::{Survey, along_curve, morton, run_of};
+use crate::accel::partition::{along_curve, morton, run_of};
 use crate::accel::route::Route;
 use crate::cluster::exchange::{self, Limits, Outbox, Station};
 use crate::cluster::parcel;
 use crate::cluster::share::{self, Share};
 use crate::error::{Error, Result};
 use crate::output::stats::{self, RankStats};
-use crate::render::Renderer;
-use crate::render::cost;
+use crate::render::division;
 use crate::render::film::Film;
 use crate::render::relay::{Exit, Holding, Relay, Traveller};
 use crate::render::rounds::{self, Activity, Round};
@@ -33,6 +32,8 @@ pub struct Division {
     /// Of each primitive here its id in the whole, ascending.
     pub ids: Vec<u32>,
     pub route: Route,
+    /// How many of them every rank has, and this one for no other reason.
+    copies: u64,
     /// How many rays may be where.
     limits: Limits,
 }
@@ -92,11 +93,16 @@ pub(super) fn scatter(crew: &Crew, work: &mut Work) -> Result<()> {
         scene.prepare_lighting(Some(&ids));
     }
     share::agreed(comm, afford(&scene, work))?;
+    let rank = comm.rank();
+    let copies = match &route {
+        Route::Voxels(voxels) => crew.pool.install(|| voxels.copies(&scene.surfaces, rank)),
+        Route::All => 0,
+    };
     work.accel = crew.pool.install(|| Accel::build(work.run.accel, work.run.build, &scene.surfaces));
     // Rays must not come to a rank that still waits for its part, and are traced once all can be.
     comm.barrier();
     work.scene = scene;
-    work.division = Some(Division { ids, route, limits });
+    work.division = Some(Division { ids, route, copies, limits });
     Ok(())
 }
 
@@ -107,7 +113,10 @@ fn afford(part: &Scene, work: &Work) -> Result<()> {
         None => Ok(()),
         Some(shortage) => Err(Error::launch(
             format!("the accelerator over this rank's {} primitives needs {shortage}", part.surfaces.len()),
-            "start more ranks, on more nodes",
+            match work.run.replicate_hot {
+                None => "start more ranks, on more nodes",
+                Some(_) => "start more ranks, on more nodes, or give less to --replicate-hot",
+            },
         )),
     }
 }
@@ -126,8 +135,9 @@ fn survey(whole: &Scene, work: &Work, ranks: usize) -> Route {
     if work.run.split == Split::Triangles {
         return Route::All;
     }
-    let looks = cost::looks(&Renderer::new(whole, &Accel::Brute, &work.image), work.image.crop);
-    Route::Voxels(Survey::new(&whole.surfaces, ranks).divide(ranks, &looks))
+    let run = &work.run;
+    let copies = run.replicate_hot.map_or(0, |bytes| division::copies(whole, run.accel, bytes));
+    Route::Voxels(division::divide(whole, &work.image, ranks, copies))
 }
 
 /// Collective: renders a round by rays that travel between the parts; rank 0 gets the film.
@@ -138,7 +148,7 @@ pub(super) fn render(
     stats: &mut RankStats,
 ) -> Result<Option<Film>> {
     let comm = crew.comm;
-    let Division { ids, route, limits } = work.division.take().expect("the scene was divided");
+    let Division { ids, route, copies, limits } = work.division.take().expect("the scene was divided");
     let begin = Instant::now();
     let holding = Holding {
         scene: std::mem::take(&mut work.scene),
@@ -149,6 +159,8 @@ pub(super) fn render(
     part.primitives = holding.ids.len() as u64;
     part.scene_bytes = holding.scene.memory() as u64;
     part.accel_bytes = holding.accel.memory() as u64;
+    part.replicated = copies;
+    part.replicated_bytes = (part.scene_bytes + part.accel_bytes) * copies / part.primitives.max(1);
 
     // Every rank makes the camera rays of its own tiles.
     let tiling = Tiling::new(rounds::area(&work.image), TILE);
@@ -195,7 +207,7 @@ pub(super) fn render(
     });
     outcome?;
     stats.seconds.gather += begin.elapsed().as_secs_f64() - traced;
-    work.division = Some(Division { ids: holding.ids, route, limits });
+    work.division = Some(Division { ids: holding.ids, route, copies, limits });
     (work.scene, work.accel) = (holding.scene, holding.accel);
     Ok((comm.rank() == 0).then_some(film))
 }

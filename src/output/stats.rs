@@ -71,6 +71,9 @@ pub struct PartStats {
     pub primitives: u64,
     pub scene_bytes: u64,
     pub accel_bytes: u64,
+    /// Primitives that the rank had only as every rank had them, and their share of the bytes.
+    pub replicated: u64,
+    pub replicated_bytes: u64,
     /// How often a ray was put to the part: over all ranks and divided by their rays, hops per ray.
     pub asked: u64,
     pub exchange: ExchangeStats,
@@ -110,6 +113,8 @@ pub struct Totals {
     pub mrays_per_second: f64,
     /// Parts that a ray was put to, on the mean; 0 where all ranks have all.
     pub hops_per_ray: f64,
+    /// How often a ray was sent to another rank, on the mean; 0 where all ranks have all.
+    pub forwards_per_ray: f64,
     /// Longest over mean trace seconds: 1 is perfect balance, the number of ranks none at all.
     pub imbalance: f64,
 }
@@ -134,7 +139,9 @@ impl Stats {
         ranks.iter().for_each(|rank| rays += rank.rays);
         let trace_seconds = ranks.iter().map(|rank| rank.seconds.trace).fold(0.0, f64::max);
         let mean = ranks.iter().map(|rank| rank.seconds.trace).sum::<f64>() / ranks.len().max(1) as f64;
-        let asked: u64 = ranks.iter().filter_map(|rank| rank.part.as_ref()).map(|part| part.asked).sum();
+        let parts = || ranks.iter().filter_map(|rank| rank.part.as_ref());
+        let asked: u64 = parts().map(|part| part.asked).sum();
+        let sent: u64 = parts().map(|part| part.exchange.sent).sum();
         let ratio = |a: f64, b: f64, otherwise: f64| if b > 0.0 { a / b } else { otherwise };
         let totals = Totals {
             ranks: ranks.len() as u32,
@@ -147,6 +154,7 @@ impl Stats {
             trace_seconds,
             mrays_per_second: ratio(rays.sum() as f64 / 1e6, trace_seconds, 0.0),
             hops_per_ray: ratio(asked as f64, rays.sum() as f64, 0.0),
+            forwards_per_ray: ratio(sent as f64, rays.sum() as f64, 0.0),
             imbalance: ratio(trace_seconds, mean, 1.0),
         };
         Stats { width, height, spp, error: None, totals, ranks }
@@ -237,12 +245,16 @@ mod tests {
 
     #[test]
     fn hops_are_those_of_all_ranks() {
-        let part = |asked| Some(PartStats { asked, ..PartStats::default() });
+        let part = |asked, sent| {
+            let exchange = ExchangeStats { sent, ..ExchangeStats::default() };
+            Some(PartStats { asked, exchange, ..PartStats::default() })
+        };
         let ranks = vec![
-            RankStats { part: part(3_000_000), ..rank(0, 1.0) },
-            RankStats { part: part(1_000_000), ..rank(1, 1.0) },
+            RankStats { part: part(3_000_000, 1_000_000), ..rank(0, 1.0) },
+            RankStats { part: part(1_000_000, 0), ..rank(1, 1.0) },
         ];
-        assert_eq!(Stats::new(1, 1, 1, 1.0, ranks).totals.hops_per_ray, 1.0);
+        let totals = Stats::new(1, 1, 1, 1.0, ranks).totals;
+        assert_eq!((totals.hops_per_ray, totals.forwards_per_ray), (1.0, 0.25));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! One rank's work: tiles of camera rays traced to their end, and the film that they deposit in.
 
 pub mod cost;
+pub mod division;
 pub mod estimate;
 pub mod features;
 pub mod film;

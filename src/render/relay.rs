@@ -16,7 +16,7 @@ use super::rounds::{self, Round};
 use super::streams::Streams;
 use super::{BATCH, RayCounts, RayTally, Renderer};
 use crate::accel::Accel;
-use crate::accel::route::{Progress, Route};
+use crate::accel::route::{Guide, Progress, Route};
 use crate::geometry::NONE;
 use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::mesh::{FIRST_GUEST, Shape, Sphere};
@@ -98,9 +98,8 @@ pub struct Holding {
 /// One rank of a relay.
 pub struct Relay<'a> {
     holding: Holding,
-    route: &'a Route,
+    guide: Guide<'a>,
     rank: usize,
-    ranks: usize,
     settings: &'a ImageSettings,
     filter: FilterTable,
     round: Round,
@@ -126,9 +125,8 @@ impl<'a> Relay<'a> {
         Relay {
             round,
             holding,
-            route,
+            guide: Guide::new(route, rank, ranks),
             rank,
-            ranks,
             settings,
             filter,
             film,
@@ -248,12 +246,12 @@ impl<'r> Leg<'r> {
             let Holding { scene, accel, .. } = &self.relay.holding;
             accel.trace(&scene.surfaces, &records, &mut answers);
             self.relay.asked.fetch_add(records.len() as u64, Ordering::Relaxed);
-            for (pending, answer) in wave.drain(..).zip(&answers) {
+            for (pending, answer) in wave.iter_mut().zip(&answers) {
                 self.answered(pending, answer);
             }
             if self.streams.len() > self.exit.room() {
                 let left: Vec<Pending> = self.streams.drain().collect();
-                left.into_iter().for_each(|pending| self.send(self.relay.rank, pending));
+                left.iter().for_each(|pending| self.send(self.relay.rank, pending));
                 break;
             }
         }
@@ -284,7 +282,7 @@ impl<'r> Leg<'r> {
     }
 
     /// Weighs what this rank's part answered to a ray.
-    fn answered(&mut self, mut pending: Pending, answer: &Answer) {
+    fn answered(&mut self, pending: &mut Pending, answer: &Answer) {
         let Traveller { record, best, progress, holder, .. } = &mut pending.traveller;
         if answer.is_hit() {
             if record.query() == Query::Occluded {
@@ -297,22 +295,29 @@ impl<'r> Leg<'r> {
                 pending.primitive = answer.primitive;
             }
         }
-        progress.hops += 1;
+        progress.ask(self.relay.rank);
         self.go_on(pending);
     }
 
     /// Sends a ray to the next rank on its route, or comes to its end.
-    fn go_on(&mut self, mut pending: Pending) {
+    fn go_on(&mut self, pending: &mut Pending) {
         let Traveller { record, best, progress, holder, .. } = &mut pending.traveller;
-        match self.relay.route.next(&record.ray(), best.t, self.relay.ranks, *progress) {
-            Some(rank) if rank == self.relay.rank => self.streams.push(record.stream, pending),
+        match self.relay.guide.next(&record.ray(), best.t, progress) {
+            Some(rank) if rank == self.relay.rank => self.streams.push(record.stream, *pending),
             Some(rank) => self.send(rank, pending),
-            None if !best.is_hit() || *holder as usize == self.relay.rank => self.conclude(&pending),
-            None => {
-                let holder = *holder as usize;
-                progress.hops = TO_BE_SHADED;
-                self.send(holder, pending);
-            }
+            None if !best.is_hit() || *holder as usize == self.relay.rank => self.conclude(pending),
+            None => match self.relay.local(best.primitive) {
+                // What several ranks have is shaded by any of them.
+                Some(primitive) => {
+                    pending.primitive = primitive;
+                    self.conclude(pending);
+                }
+                None => {
+                    let holder = *holder as usize;
+                    progress.hops = TO_BE_SHADED;
+                    self.send(holder, pending);
+                }
+            },
         }
     }
 
@@ -335,7 +340,7 @@ impl<'r> Leg<'r> {
         transport.advance(&pending.record(), &found, self);
     }
 
-    fn send(&mut self, rank: usize, pending: Pending) {
+    fn send(&mut self, rank: usize, pending: &Pending) {
         let mut traveller = pending.traveller;
         if pending.start < FIRST_GUEST {
             traveller.start = self.relay.holding.scene.surfaces.start(pending.start).into();
@@ -352,7 +357,7 @@ impl Sink for Leg<'_> {
         let mut traveller = Traveller {
             record,
             best: Answer::MISS,
-            progress: Progress { home: self.relay.rank as u32, hops: 0 },
+            progress: Progress::new(self.relay.rank),
             holder: NONE,
             start: Start::NOTHING,
         };
@@ -367,7 +372,8 @@ impl Sink for Leg<'_> {
         if record.first_id > 0 {
             traveller.record.first_id = ids[record.first_id as usize - 1] + 1;
         }
-        self.go_on(Pending { traveller, start: record.start, first_id: record.first_id, primitive: NONE });
+        let (start, first_id) = (record.start, record.first_id);
+        self.go_on(&mut Pending { traveller, start, first_id, primitive: NONE });
     }
 
     fn deposit(&mut self, record: &RayRecord, radiance: Color) {

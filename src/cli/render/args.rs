@@ -97,6 +97,9 @@ pub struct Args {
     /// Memory of each rank for rays that travel, with --split triangles or voxels; more rays wait in temporary files
     #[arg(long, value_name = "BYTES", env = "HELIOSTAT_RAY_MEMORY", default_value = "256M", value_parser = bytes, help_heading = "Run")]
     pub(super) ray_memory: u64,
+    /// Memory of each rank, beside its own part, for copies of the blocks that most rays come to, with --split voxels; never changes a byte of the image
+    #[arg(long, value_name = "BYTES", env = "HELIOSTAT_REPLICATE_HOT", value_parser = bytes, help_heading = "Run")]
+    pub(super) replicate_hot: Option<u64>,
     /// How the threads of a rank divide its work; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_WITHIN", default_value = "rays", help_heading = "Run")]
     pub(super) within: Within,
@@ -235,7 +238,7 @@ pub(in crate::cli) fn seconds(text: &str) -> std::result::Result<f64, String> {
 }
 
 /// A number of bytes, with K, M, G or T for powers of 1024.
-fn bytes(text: &str) -> std::result::Result<u64, String> {
+pub(in crate::cli) fn bytes(text: &str) -> std::result::Result<u64, String> {
     let text = text.trim();
     let units = ["", "K", "M", "G", "T"];
     let parsed = units.iter().enumerate().rev().find_map(|(power, unit)| {

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use self::args::{Aov, image_settings};
 pub use self::args::{Args, density};
-pub(super) use self::args::{positive, seconds, size};
+pub(super) use self::args::{bytes, positive, seconds, size};
 use super::{note, warn};
 use crate::accel::{Accel, divided};
 use crate::cluster::share;
@@ -22,7 +22,7 @@ use crate::output::write::{self, Target, WriteOptions};
 use crate::output::{file, metadata};
 use crate::render::features::Features;
 use crate::scene::load;
-use crate::settings::{BuildSettings, RunSettings, Show, Within};
+use crate::settings::{BuildSettings, RunSettings, Show, Split, Within};
 
 /// What rank 0 alone keeps: where to write and what to say.
 struct Errand {
@@ -119,6 +119,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
         tile_size: args.tile_size,
         deal: args.deal,
         ray_memory: args.ray_memory,
+        replicate_hot: args.replicate_hot,
         time_limit: args.time_limit,
     };
     if run.split.is_partitioned() && run.within == Within::Triangles {
@@ -128,6 +129,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
             "leave it out, or give --split tiles or stream",
         ));
     }
+    replicates(run.replicate_hot, run.split)?;
     if !errand.quiet {
         warn(&loaded.warnings);
     }
@@ -151,6 +153,18 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     };
     stats.seconds.build = begin.elapsed().as_secs_f64();
     Ok((Work { scene: loaded.scene, accel, image, run, division: None }, errand))
+}
+
+/// Whether blocks can be replicated.
+pub(super) fn replicates(bytes: Option<u64>, split: Split) -> Result<()> {
+    match bytes {
+        Some(_) if split != Split::Voxels => Err(Error::usage(
+            "--replicate-hot",
+            "only blocks of voxels are replicated, which this --split has none of",
+            "leave it out, or give --split voxels",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Whatever can be known to fail at the end is found out at the beginning.
