@@ -206,13 +206,26 @@ fn error_against_time_is_measured_written_and_drawn() {
     }
     assert_eq!(std::fs::read_dir(folder.path().join("kept")).unwrap().count(), 2);
 
-    let more =
-        ["--adaptive", "--targets", "0.3", "--spp", "4", "--filters", "box,tent", "--accels", "bvh,grid"];
+    let more = [
+        "--adaptive",
+        "--targets",
+        "0.3",
+        "--spp",
+        "4",
+        "--filters",
+        "box,tent",
+        "--accels",
+        "bvh,grid",
+        "--precisions",
+        "exact,f32",
+    ];
     let (table, said) = run(&[&[&*path][..], &flags, &more, &["--json", "b.json"]].concat());
     // That of the box filter is kept.
     assert_eq!(said.lines().count(), 1, "{said}");
-    assert!(table.contains("sobol tent grid adaptive"), "{table}");
-    assert_eq!(read("b.json")["scenes"][0]["curves"].as_array().unwrap().len(), 2 * 2 * 2 * 2);
+    for name in ["sobol tent grid exact adaptive", "sobol box bvh f32"] {
+        assert!(table.contains(name), "{name} in {table}");
+    }
+    assert_eq!(read("b.json")["scenes"][0]["curves"].as_array().unwrap().len(), 2 * 2 * 3 * 2);
 
     refuses(&["bench", "error"], 2, &["SCENE", "no scenes/cornell-path.toml here", "name a scene"]);
     refuses(&["bench", "error", &path, "--samplers", "halton"], 2, &["--samplers", "sobol"]);
