@@ -17,7 +17,7 @@ use crate::image::Image;
 use crate::output::progress::{Progress, ProgressKind};
 use crate::output::stats::{self, RankStats};
 use crate::output::timeline::{Event, Timeline};
-use crate::render::estimate::{ErrorReached, Estimate};
+use crate::render::estimate::{ErrorReached, Estimate, Spread};
 use crate::render::features::Features;
 use crate::render::film::Film;
 use crate::render::filter::FilterTable;
@@ -56,8 +56,8 @@ pub fn distribute(crew: &Crew, work: &mut Work) -> Result<()> {
 #[derive(Clone, Debug)]
 pub struct Rendered {
     pub image: Image,
-    /// Of each pixel's mean, where it is known.
-    pub variance: Option<Vec<[f32; 3]>>,
+    /// How well each pixel's mean is known, where that is known.
+    pub spread: Option<Spread>,
     /// Where it was asked for.
     pub features: Option<Features>,
     pub error: Option<ErrorReached>,
@@ -128,9 +128,9 @@ pub fn render_by(
     let floor = work.scene.header.ambient_floor;
     Ok(estimate.map(|estimate| {
         let _span = crew.timeline.span(0, "resolve");
-        let (image, variance) = estimate.resolve(crop, floor);
+        let (image, spread) = estimate.resolve(crop, floor);
         let features = estimate.features(crop, &work.scene.header.frame);
-        Rendered { image, variance, features, error: estimate.error(crop), complete }
+        Rendered { image, spread, features, error: estimate.error(crop), complete }
     }))
 }
 

@@ -133,7 +133,8 @@ impl Reference {
         let metadata = metadata::describe(&reference_settings(settings, self.spp));
         let options = WriteOptions { encoding: Encoding::Linear, metadata };
         let target = Target::File { path: path.into(), format: Format::Exr };
-        let layers = [Layer::variance(self.variance.clone())];
+        let freedom = vec![(PARTS - 1) as f32; self.variance.len()];
+        let layers = [Layer::variance(self.variance.clone()), Layer::freedom(freedom)];
         write::write_with_layers(&self.image, &layers, &target, &options)
     }
 }
