@@ -646,7 +646,9 @@ fn layers_targets_and_limits() {
     let file = heliostat::image::read::read_layers(exr.as_ref()).unwrap();
     let mut names: Vec<&str> = file.layers.iter().map(|layer| layer.name.as_str()).collect();
     names.sort_unstable();
-    assert_eq!(names, ["albedo", "depth", "id", "normal", "position", "variance"]);
+    assert_eq!(names, ["albedo", "depth", "freedom", "id", "normal", "position", "variance"]);
+    // Each of four samples is a batch.
+    assert!(file.freedom().unwrap().iter().all(|&freedom| freedom == 3.0));
     assert!(file.variance().unwrap().iter().any(|v| v[0] > 0.0));
 
     let refused = run(&["-o", &png, "--spp", "4", "--aov", "depth"]).code(2);
