@@ -206,13 +206,26 @@ fn error_against_time_is_measured_written_and_drawn() {
     }
     assert_eq!(std::fs::read_dir(folder.path().join("kept")).unwrap().count(), 2);
 
-    let more =
-        ["--adaptive", "--targets", "0.3", "--spp", "4", "--filters", "box,tent", "--accels", "bvh,grid"];
+    let more = [
+        "--adaptive",
+        "--targets",
+        "0.3",
+        "--spp",
+        "4",
+        "--filters",
+        "box,tent",
+        "--accels",
+        "bvh,grid",
+        "--precisions",
+        "exact,f32",
+    ];
     let (table, said) = run(&[&[&*path][..], &flags, &more, &["--json", "b.json"]].concat());
     // That of the box filter is kept.
     assert_eq!(said.lines().count(), 1, "{said}");
-    assert!(table.contains("sobol tent grid adaptive"), "{table}");
-    assert_eq!(read("b.json")["scenes"][0]["curves"].as_array().unwrap().len(), 2 * 2 * 2 * 2);
+    for name in ["sobol tent grid exact adaptive", "sobol box bvh f32"] {
+        assert!(table.contains(name), "{name} in {table}");
+    }
+    assert_eq!(read("b.json")["scenes"][0]["curves"].as_array().unwrap().len(), 2 * 2 * 3 * 2);
 
     refuses(&["bench", "error"], 2, &["SCENE", "no scenes/cornell-path.toml here", "name a scene"]);
     refuses(&["bench", "error", &path, "--samplers", "halton"], 2, &["--samplers", "sobol"]);
@@ -642,7 +655,9 @@ fn layers_targets_and_limits() {
     let file = heliostat::image::read::read_layers(exr.as_ref()).unwrap();
     let mut names: Vec<&str> = file.layers.iter().map(|layer| layer.name.as_str()).collect();
     names.sort_unstable();
-    assert_eq!(names, ["albedo", "depth", "id", "normal", "position", "variance"]);
+    assert_eq!(names, ["albedo", "depth", "freedom", "id", "normal", "position", "variance"]);
+    // Each of four samples is a batch.
+    assert!(file.freedom().unwrap().iter().all(|&freedom| freedom == 3.0));
     assert!(file.variance().unwrap().iter().any(|v| v[0] > 0.0));
 
     let refused = run(&["-o", &png, "--spp", "4", "--aov", "depth"]).code(2);

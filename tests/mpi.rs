@@ -154,6 +154,13 @@ fn compare_launches() {
     words.args(["-n", "3", HELIOSTAT]);
     assert_eq!(stress(words), alone);
     println!("3 ranks: the stress test's counts as alone");
+    let alone = error_curve(Command::new(HELIOSTAT));
+    // Two curves of two rungs, and the names of the columns.
+    assert_eq!(alone.lines().count(), 5, "{alone}");
+    let mut words = launcher();
+    words.args(["-n", "2", HELIOSTAT]);
+    assert_eq!(error_curve(words), alone);
+    println!("2 ranks: the errors of bench error as alone");
 }
 
 #[cfg(feature = "mpi")]
@@ -166,6 +173,34 @@ fn stress(mut command: Command) -> String {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let table = String::from_utf8_lossy(&output.stdout);
     table.lines().filter(|line| !line.starts_with("seed ")).collect::<Vec<_>>().join("\n")
+}
+
+/// What `bench error` finds that no clock and no number of threads has a part in.
+#[cfg(feature = "mpi")]
+fn error_curve(mut command: Command) -> String {
+    let scene = common::repository().join("scenes/cornell-path.toml");
+    let folder = tempfile::tempdir().unwrap();
+    let csv = folder.path().join("errors.csv");
+    let output = command
+        .args(["bench", "error"])
+        .arg(scene)
+        .args(["--width", "16", "--samplers", "sobol", "--precisions", "exact,f32", "--spp", "2,8"])
+        .args(["--reference-spp", "32", "--rounds", "1", "--seeds", "1", "--limit", "1000", "--threads", "1"])
+        .arg("--csv")
+        .arg(&csv)
+        .output()
+        .expect("it starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = std::fs::read_to_string(csv).unwrap();
+    let kept =
+        ["scene", "sampler", "precision", "asked", "rays", "rmse", "rel_mse", "flip", "reference_rmse"];
+    let names: Vec<&str> = text.lines().next().unwrap_or_default().split(',').collect();
+    let places = kept.map(|name| names.iter().position(|&n| n == name).expect(name));
+    let line = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        places.map(|place| cells[place]).join(",")
+    };
+    text.lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
 #[cfg(feature = "mpi")]

@@ -24,6 +24,18 @@ use spheres::Spheres;
 use wide::Wide;
 use wide::level::Level;
 
+/// What answers rays: [`Accel`] in every render, and what experiments put in its place.
+pub trait Trace: Sync {
+    /// As [`Accel::trace`].
+    fn trace(&self, surfaces: &Surfaces, records: &[RayRecord], answers: &mut Vec<Answer>);
+}
+
+impl Trace for Accel {
+    fn trace(&self, surfaces: &Surfaces, records: &[RayRecord], answers: &mut Vec<Answer>) {
+        Accel::trace(self, surfaces, records, answers);
+    }
+}
+
 /// The structure that answers rays.
 #[derive(Clone, Debug)]
 pub enum Accel {

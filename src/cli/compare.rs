@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::{note, print};
 use crate::error::{Error, Result};
 use crate::output::compare::Comparison;
+use crate::output::statistics::Known;
 use crate::output::write::{Format, Target, WriteOptions, write};
 use crate::output::{compare, flip, heat_map, read, statistics};
 use crate::settings::Encoding;
@@ -120,15 +121,19 @@ fn measure(args: &Args, reference: &read::ImageFile, test: &read::ImageFile) -> 
         let mend = "give two EXR or PFM images of finite values, and a reference that isn't black";
         return Err(Error::usage("--max-hdr-flip", what, mend));
     }
-    let variances = (reference.variance(), test.variance());
-    if variances != (None, None) {
+    let known = (known(reference), known(test));
+    if known.0.is_some() || known.1.is_some() {
         let pixels = (&reference.image.pixels, &test.image.pixels);
-        found.z_test = Some(statistics::z_test(pixels.0, pixels.1, variances.0, variances.1)?);
+        found.z_test = Some(statistics::z_test(pixels.0, pixels.1, known.0, known.1)?);
     } else if args.min_p.is_some() {
         let what = "neither image has a layer `variance` of three channels";
         return Err(Error::usage("--min-p", what, "give at least one EXR image that has it"));
     }
     Ok(found)
+}
+
+fn known(file: &read::ImageFile) -> Option<Known<'_>> {
+    file.variance().map(|variance| Known { variance, freedom: file.freedom() })
 }
 
 /// The target of `--heat-map`, which can be written.

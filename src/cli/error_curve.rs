@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::job::{self, Crew};
 use crate::lab::error_curve::reference::{Cache, PARTS, Quality, fingerprint};
 use crate::lab::error_curve::{self, Curve, Plan, Subject};
+use crate::lab::ladder::textbook::Precision;
 use crate::output::progress::ProgressKind;
 use crate::output::timeline::Timeline;
 use crate::scene::load;
@@ -49,6 +50,10 @@ pub struct Args {
     /// Curves of these structures, which differ in time alone
     #[arg(long, value_name = "ACCEL,…", value_delimiter = ',', default_value = "bvh")]
     accels: Vec<AccelKind>,
+    /// Curves of these arithmetics that find hits: the renderer's own, or a textbook tracer's (Möller-Trumbore, the quadratic formula, boxes that aren't padded, an ε) in f32 or
+    /// f64. Those show what rounding costs; their times are those of plain code
+    #[arg(long, value_name = "PRECISION,…", value_delimiter = ',', default_value = "exact")]
+    precisions: Vec<Precision>,
     /// Curves of adaptive sampling besides, to the RMSEs of --targets
     #[arg(long)]
     adaptive: bool,
@@ -184,12 +189,19 @@ fn plan(args: &Args, image: &ImageSettings, accels: &[AccelKind]) -> Plan {
     let filters = if args.filters.is_empty() { vec![image.filter] } else { distinct(&args.filters) };
     let is_path = image.integrator == Integrator::Path;
     let directs = if is_path { distinct(&args.direct) } else { vec![Direct::default()] };
+    // Textbook tracers have a hierarchy of their own.
+    let of_precision = |precision| match precision {
+        Precision::Exact => accels.iter().map(|&accel| (accel, precision)).collect(),
+        Precision::F32 | Precision::F64 => vec![(AccelKind::Bvh, precision)],
+    };
+    let ways: Vec<(AccelKind, Precision)> =
+        distinct(&args.precisions).into_iter().flat_map(of_precision).collect();
     let mut curves = Vec::new();
     for adaptive in [false, true].into_iter().filter(|&adaptive| args.adaptive || !adaptive) {
         for &filter in &filters {
             for &direct in &directs {
-                for &accel in accels {
-                    let of_sampler = |sampler| Curve { sampler, filter, direct, accel, adaptive };
+                for &(accel, precision) in &ways {
+                    let of_sampler = |sampler| Curve { sampler, filter, direct, accel, precision, adaptive };
                     curves.extend(distinct(&args.samplers).into_iter().map(of_sampler));
                 }
             }

@@ -165,8 +165,13 @@ fn asked(effort: &Effort) -> String {
 /// What tells a curve from the others of its scene.
 fn label(curve: &Curve, measured: &Measured) -> String {
     let differs = |of: fn(&Curve) -> String| measured.curves.iter().any(|c| of(&c.curve) != of(curve));
-    let parts: [fn(&Curve) -> String; 4] =
-        [|c| name(&c.sampler), |c| name(&c.filter), |c| name(&c.direct), |c| name(&c.accel)];
+    let parts: [fn(&Curve) -> String; 5] = [
+        |c| name(&c.sampler),
+        |c| name(&c.filter),
+        |c| name(&c.direct),
+        |c| name(&c.accel),
+        |c| name(&c.precision),
+    ];
     // The sampler is always told.
     let mut words: Vec<String> = Vec::new();
     for (number, part) in parts.into_iter().enumerate() {
@@ -186,7 +191,7 @@ fn name(value: &impl Debug) -> String {
 
 fn csv(ranks: usize, all: &[Measured]) -> String {
     let mut text = String::from(
-        "scene,width,height,integrator,ranks,threads,sampler,filter,direct,accel,adaptive,asked,mean_spp,seconds,core_seconds,trace_seconds,rays,\
+        "scene,width,height,integrator,ranks,threads,sampler,filter,direct,accel,precision,adaptive,asked,mean_spp,seconds,core_seconds,trace_seconds,rays,\
          rmse,measured_rmse,rel_mse,flip,efficiency,told_rmse,told_rmse_at_most,near_reference,on_front,slope,reference_spp,reference_rmse\n",
     );
     for measured in all {
@@ -203,12 +208,13 @@ fn csv(ranks: usize, all: &[Measured]) -> String {
             for rung in rungs {
                 let _ = writeln!(
                     text,
-                    "{scene},{width},{height},{},{ranks},{threads},{},{},{},{},{},{},{},{},{},{},{},{:e},{:e},{:e},{:e},{:e},{},{},{},{},{},{},{}",
+                    "{scene},{width},{height},{},{ranks},{threads},{},{},{},{},{},{},{},{},{},{},{},{},{:e},{:e},{:e},{:e},{:e},{},{},{},{},{},{},{}",
                     name(&measured.integrator),
                     name(&curve.sampler),
                     name(&curve.filter),
                     name(&curve.direct),
                     name(&curve.accel),
+                    name(&curve.precision),
                     curve.adaptive,
                     asked(&rung.effort),
                     rung.mean_spp,

@@ -180,6 +180,7 @@ mod tests {
         let triples = |scale: f32| (0..90).map(|i| [i as f32 * scale, -scale, 0.5]).collect();
         let layers = vec![
             Layer::variance(triples(1e-30)),
+            Layer::freedom((0..90).map(|i| i as f32 / 3.0).collect()),
             Layer::albedo(triples(0.01)),
             Layer::normal(triples(-1.0)),
             Layer::position(triples(1e9)),
@@ -202,10 +203,10 @@ mod tests {
         assert_eq!(read::decode(&bytes).unwrap(), image);
         // In the file they stand by the alphabet.
         let names: Vec<&str> = read_layers.iter().map(|layer| layer.name.as_str()).collect();
-        assert_eq!(names, ["albedo", "depth", "id", "normal", "position", "variance"]);
+        assert_eq!(names, ["albedo", "depth", "freedom", "id", "normal", "position", "variance"]);
         read_layers.sort_by_key(|layer| layers.iter().position(|l| l.name == layer.name));
         assert_eq!(read_layers, layers);
-        assert_eq!(layers[5].samples, LayerSamples::U32((0..90).map(|i| u32::MAX - i).collect()));
+        assert_eq!(layers[6].samples, LayerSamples::U32((0..90).map(|i| u32::MAX - i).collect()));
     }
 
     #[test]
@@ -219,10 +220,10 @@ mod tests {
         let names: Vec<String> = meta.headers[0].channels.list.iter().map(|c| c.name.to_string()).collect();
         assert_eq!(
             names.join(" "),
-            "B G R albedo.B albedo.G albedo.R depth.Z id.I normal.X normal.Y normal.Z position.X position.Y \
+            "B G R albedo.B albedo.G albedo.R depth.Z freedom.N id.I normal.X normal.Y normal.Z position.X position.Y \
              position.Z variance.B variance.G variance.R"
         );
-        assert_eq!(meta.headers[0].channels.list[7].sample_type, SampleType::U32);
+        assert_eq!(meta.headers[0].channels.list[8].sample_type, SampleType::U32);
     }
 
     #[test]

@@ -65,6 +65,14 @@ impl Layer {
         Self::rgb(Self::VARIANCE, pixels)
     }
 
+    /// Name of [`Layer::freedom`].
+    pub const FREEDOM: &str = "freedom";
+
+    /// N: the degrees of freedom of the variance, of B batches of samples B - 1; 0 where there is none.
+    pub fn freedom(pixels: Vec<f32>) -> Self {
+        Self::new(Self::FREEDOM, &["N"], LayerSamples::F32(pixels))
+    }
+
     /// R, G, B: the share of light that the surface throws back.
     pub fn albedo(pixels: Vec<[f32; 3]>) -> Self {
         Self::rgb("albedo", pixels)
@@ -92,6 +100,14 @@ impl Layer {
 
     fn rgb(name: &str, pixels: Vec<[f32; 3]>) -> Self {
         Self::new(name, &["R", "G", "B"], LayerSamples::F32(pixels.into_flattened()))
+    }
+
+    /// The pixels of a layer of one float channel.
+    pub fn singles(&self) -> Option<&[f32]> {
+        match &self.samples {
+            LayerSamples::F32(samples) if self.channels.len() == 1 => Some(samples),
+            _ => None,
+        }
     }
 
     /// The pixels of a layer of three float channels.

@@ -23,7 +23,16 @@ pub struct ImageFile {
 impl ImageFile {
     /// The variance of every pixel's mean, where the file has it.
     pub fn variance(&self) -> Option<&[[f32; 3]]> {
-        self.layers.iter().find(|layer| layer.name == Layer::VARIANCE)?.triples()
+        self.layer(Layer::VARIANCE)?.triples()
+    }
+
+    /// The degrees of freedom of these variances, where the file has them.
+    pub fn freedom(&self) -> Option<&[f32]> {
+        self.layer(Layer::FREEDOM)?.singles()
+    }
+
+    fn layer(&self, name: &str) -> Option<&Layer> {
+        self.layers.iter().find(|layer| layer.name == name)
     }
 }
 

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use rayon::ThreadPool;
 
-use crate::accel::Accel;
+use crate::accel::{Accel, Trace};
 use crate::cluster::deal::{self, DealStats, Plan};
 use crate::cluster::share::{Share, computed};
 use crate::cluster::{Comm, Solo};
@@ -17,7 +17,7 @@ use crate::image::Image;
 use crate::output::progress::{Progress, ProgressKind};
 use crate::output::stats::{self, RankStats};
 use crate::output::timeline::{Event, Timeline};
-use crate::render::estimate::{ErrorReached, Estimate};
+use crate::render::estimate::{ErrorReached, Estimate, Spread};
 use crate::render::features::Features;
 use crate::render::film::Film;
 use crate::render::filter::FilterTable;
@@ -56,8 +56,8 @@ pub fn distribute(crew: &Crew, work: &mut Work) -> Result<()> {
 #[derive(Clone, Debug)]
 pub struct Rendered {
     pub image: Image,
-    /// Of each pixel's mean, where it is known.
-    pub variance: Option<Vec<[f32; 3]>>,
+    /// How well each pixel's mean is known, where that is known.
+    pub spread: Option<Spread>,
     /// Where it was asked for.
     pub features: Option<Features>,
     pub error: Option<ErrorReached>,
@@ -67,6 +67,16 @@ pub struct Rendered {
 
 /// Collective: renders the work that was [`distribute`]d to all ranks, round by round; rank 0 gets the image. Adds what this rank did to `stats`.
 pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Option<Rendered>> {
+    render_by(crew, work, None, stats)
+}
+
+/// As [`render`]; where `tracer` is given it answers this rank's rays instead of the work's structure, in splits that leave the scene whole.
+pub fn render_by(
+    crew: &Crew,
+    work: &mut Work,
+    tracer: Option<&dyn Trace>,
+    stats: &mut RankStats,
+) -> Result<Option<Rendered>> {
     let begin = Instant::now();
     let ImageSettings { crop, variance, error_target, features, .. } = work.image;
     let limit = work.run.time_limit.map(Duration::from_secs_f64);
@@ -87,7 +97,8 @@ pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Opt
     for (number, round) in schedule.iter().enumerate() {
         let film = match work.run.split {
             Split::Tiles | Split::Stream => {
-                let accel = divided.as_ref().unwrap_or(&work.accel);
+                let own = divided.as_ref().unwrap_or(&work.accel);
+                let accel = tracer.unwrap_or(own);
                 deal_tiles(crew, work, accel, (round, &activity), &mut costs, stats)?
             }
             Split::Triangles | Split::Voxels => partition::render(crew, work, (round, &activity), stats)?,
@@ -117,9 +128,9 @@ pub fn render(crew: &Crew, work: &mut Work, stats: &mut RankStats) -> Result<Opt
     let floor = work.scene.header.ambient_floor;
     Ok(estimate.map(|estimate| {
         let _span = crew.timeline.span(0, "resolve");
-        let (image, variance) = estimate.resolve(crop, floor);
+        let (image, spread) = estimate.resolve(crop, floor);
         let features = estimate.features(crop, &work.scene.header.frame);
-        Rendered { image, variance, features, error: estimate.error(crop), complete }
+        Rendered { image, spread, features, error: estimate.error(crop), complete }
     }))
 }
 
@@ -145,7 +156,7 @@ fn waiting_for<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T
 fn deal_tiles(
     crew: &Crew,
     work: &Work,
-    accel: &Accel,
+    accel: &dyn Trace,
     (round, activity): (&Round, &Activity),
     costs: &mut Vec<f32>,
     stats: &mut RankStats,

@@ -152,7 +152,7 @@ impl fmt::Display for Comparison {
 
 #[cfg(test)]
 mod tests {
-    use super::super::statistics::z_test;
+    use super::super::statistics::{Known, z_test};
     use super::*;
 
     fn grey(width: u32, height: u32, value: f32) -> Image {
@@ -223,8 +223,9 @@ mod tests {
         assert!(!table.contains("HDR-FLIP") && !table.contains("p "), "{table}");
         let (reference, test) = (grey(4, 2, 0.5), grey(4, 2, 0.25));
         let variance = [[0.01, 0.01, 0.0]; 8];
+        let known = Known { variance: &variance, freedom: None };
         found.hdr_flip = Some(0.125);
-        found.z_test = Some(z_test(&reference.pixels, &test.pixels, Some(&variance), None).unwrap());
+        found.z_test = Some(z_test(&reference.pixels, &test.pixels, Some(known), None).unwrap());
         let table = found.to_string();
         for line in [
             "SMAPE     3.289474e-1",

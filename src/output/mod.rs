@@ -12,6 +12,7 @@ pub mod plot;
 pub mod progress;
 pub mod statistics;
 pub mod stats;
+pub mod student;
 pub mod timeline;
 pub mod write;
 

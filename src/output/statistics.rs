@@ -3,6 +3,7 @@
 
 use serde::Serialize;
 
+use super::student::{joint_freedom, two_sided_p};
 use crate::error::{Error, Result};
 
 /// The chance of one or more pixels beyond [`PixelTests::level`] if the images have the same mean everywhere.
@@ -11,8 +12,8 @@ pub const PIXEL_LEVEL: f64 = 0.01;
 /// Tests of the hypothesis that two images have the same expectation.
 ///
 /// They hold if the pixels are independent of each other and the images of each other (other seeds!), and if
-/// the variances are known well. The global test is robust to badly known ones, as they are summed; the single
-/// pixels' are not: where each variance comes from a few batches only, more pixels are rejected than should be.
+/// the variances are known well. The global test is robust to badly known ones, as they are summed; of single pixels
+/// it is told how badly they are known, and Student's distribution allows for it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ZTest {
     /// The mean of test − reference over all pixels, for R, G and B.
@@ -49,35 +50,55 @@ pub struct PixelTests {
     pub untested: u64,
 }
 
-/// Tests whether two images have the same expectation. The variances are those of the pixels' means;
-/// an image without is taken as exact.
+/// What is known of how far an image's pixels may be off.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<'a> {
+    /// Of the pixels' means.
+    pub variance: &'a [[f32; 3]],
+    /// The degrees of freedom of each pixel's variance; `None`: they are taken as exact.
+    pub freedom: Option<&'a [f32]>,
+}
+
+/// Tests whether two images have the same expectation; one of which nothing is known is taken as exact. A pixel's difference over its standard error follows Student's
+/// distribution, of as many degrees of freedom as Welch gives both variances together.
 ///
 /// # Errors
-/// Slices of other lengths than the reference's, or none at all; a variance that is negative or not finite.
+/// Slices of other lengths than the reference's, or none at all; a variance that is negative or not finite, or has no degree of freedom.
 pub fn z_test(
     reference: &[[f32; 3]],
     test: &[[f32; 3]],
-    reference_variance: Option<&[[f32; 3]]>,
-    test_variance: Option<&[[f32; 3]]>,
+    reference_known: Option<Known>,
+    test_known: Option<Known>,
 ) -> Result<ZTest> {
     let count = reference.len();
-    let lengths = [Some(test), reference_variance, test_variance];
-    if count == 0 || lengths.into_iter().flatten().any(|pixels| pixels.len() != count) {
+    let known = || [reference_known, test_known].into_iter().flatten();
+    let fits = |known: Known| {
+        known.variance.len() == count && known.freedom.is_none_or(|freedom| freedom.len() == count)
+    };
+    if count == 0 || test.len() != count || !known().all(fits) {
         let what = "images and variances must have the same number of pixels, and at least one";
         return Err(Error::Differs(what.into()));
     }
-    let variance_of = |i: usize, c: usize| -> Result<f64> {
-        let mut sum = 0.0;
-        for variance in [reference_variance, test_variance].into_iter().flatten() {
-            let value = f64::from(variance[i][c]);
-            if !(value >= 0.0 && value.is_finite()) {
-                let what =
-                    format!("pixel {i} has the variance {value}; a variance is a finite number of 0 or more");
+    // Of each image, with its degrees of freedom.
+    let variances_of = |i: usize, c: usize| -> Result<[(f64, f64); 2]> {
+        let mut found = [(0.0, f64::INFINITY); 2];
+        for (found, known) in found.iter_mut().zip(known()) {
+            let variance = f64::from(known.variance[i][c]);
+            if !(variance >= 0.0 && variance.is_finite()) {
+                let what = format!(
+                    "pixel {i} has the variance {variance}; a variance is a finite number of 0 or more"
+                );
                 return Err(Error::Differs(what));
             }
-            sum += value;
+            let freedom = known.freedom.map_or(f64::INFINITY, |freedom| f64::from(freedom[i]));
+            if variance > 0.0 && (freedom.is_nan() || freedom <= 0.0) {
+                let what =
+                    format!("pixel {i} has a variance of {freedom} degrees of freedom; give more than 0");
+                return Err(Error::Differs(what));
+            }
+            *found = (variance, freedom);
         }
-        Ok(sum)
+        Ok(found)
     };
 
     // The sums of all pixels, and what every single one says.
@@ -88,12 +109,13 @@ pub fn z_test(
     for (i, (r, t)) in reference.iter().zip(test).enumerate() {
         let (mut p, mut differs_untested) = (1.0_f64, false);
         for c in 0..3 {
-            let (difference, variance) = (difference(r[c], t[c]), variance_of(i, c)?);
+            let (difference, both) = (difference(r[c], t[c]), variances_of(i, c)?);
+            let variance = both[0].0 + both[1].0;
             differences[c] += difference;
             variances[c] += variance;
             if variance > 0.0 {
                 tests += 1;
-                p = p.min(two_sided_p(score(difference, variance)));
+                p = p.min(two_sided_p(score(difference, variance), joint_freedom(both)));
             } else {
                 differs_untested |= difference != 0.0;
             }
@@ -110,7 +132,8 @@ pub fn z_test(
 
     let n = count as f64;
     let z: [f64; 3] = std::array::from_fn(|c| score(differences[c], variances[c]));
-    let p = z.map(two_sided_p);
+    // Of sums over so many pixels the variances are known.
+    let p = z.map(|z| two_sided_p(z, f64::INFINITY));
     Ok(ZTest {
         difference: differences.map(|sum| sum / n),
         standard_error: variances.map(|sum: f64| sum.sqrt() / n),
@@ -143,11 +166,6 @@ fn score(difference: f64, variance: f64) -> f64 {
     }
 }
 
-/// The chance that a normally distributed number of mean 0 and variance 1 is as far from 0 as `z` or farther.
-pub fn two_sided_p(z: f64) -> f64 {
-    libm::erfc(z.abs() * std::f64::consts::FRAC_1_SQRT_2)
-}
-
 /// The level for each of `tests` tests that makes the chance of one or more rejections `level`, if they are
 /// independent; of normally distributed numbers it is never more, however they depend (Šidák 1967).
 pub fn sidak_level(level: f64, tests: u64) -> f64 {
@@ -173,10 +191,9 @@ mod tests {
             (5.0, 5.733_031_437_583_866e-7),
             (30.0, 9.813_427_854_295_816e-198),
         ] {
-            let found = two_sided_p(z);
+            let found = two_sided_p(z, f64::INFINITY);
             assert!((found - p).abs() <= 1e-12 * p, "{z}: {found}");
         }
-        assert_eq!(two_sided_p(f64::INFINITY), 0.0);
     }
 
     #[test]
@@ -193,7 +210,7 @@ mod tests {
         let reference = [[0.5, 1.0, 0.0], [0.5, 2.0, 0.0]];
         let test = [[0.75, 1.0, 0.0], [1.0, 1.0, 0.0]];
         let (of_reference, of_test) = ([[0.25, 0.0, 0.0]; 2], [[0.0, 0.0, 0.5], [0.75, 0.0, 0.5]]);
-        let found = z_test(&reference, &test, Some(&of_reference), Some(&of_test)).unwrap();
+        let found = z_test(&reference, &test, sure(&of_reference), sure(&of_test)).unwrap();
         // R: the sum of differences is 0.75, of variances 0.25 + 0.25 + 0.75 = 1.25.
         assert_eq!(found.difference, [0.375, -0.5, 0.0]);
         assert_eq!(found.standard_error, [1.25_f64.sqrt() / 2.0, 0.0, 0.5]);
@@ -207,6 +224,46 @@ mod tests {
         assert!((pixels.smallest_p - 0.617_075_077).abs() < 1e-8, "{}", pixels.smallest_p);
         assert_eq!(pixels.smallest_p_at, 0);
         assert!((pixels.level - 0.002_509_430_066).abs() < 1e-11, "{}", pixels.level);
+    }
+
+    /// Variances that are exact.
+    fn sure(variance: &[[f32; 3]]) -> Option<Known<'_>> {
+        Some(Known { variance, freedom: None })
+    }
+
+    /// A pixel's variance of four batches is a guess: by the normal distribution sound images are full of wrong pixels, by Student's they are not.
+    #[test]
+    fn pixels_of_few_batches_are_judged_by_student() {
+        const COUNT: usize = 40_000;
+        const BATCHES: usize = 4;
+        let estimated = |samples: &[[f32; 3]]| -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
+            let pixel = |batches: &[[f32; 3]]| {
+                let of = |c: usize| batches.iter().map(move |batch| f64::from(batch[c]));
+                let mean = |c: usize| of(c).sum::<f64>() / BATCHES as f64;
+                let squares = |c: usize| of(c).map(|x| (x - mean(c)) * (x - mean(c))).sum::<f64>();
+                let variance = |c: usize| squares(c) / (BATCHES * (BATCHES - 1)) as f64;
+                (std::array::from_fn(|c| mean(c) as f32), std::array::from_fn(|c| variance(c) as f32))
+            };
+            samples.chunks_exact(BATCHES).map(pixel).unzip()
+        };
+        // One stream, as those of seeds in a row are alike.
+        let noise = noisy(0.3, 0.1, 2 * BATCHES * COUNT, 1);
+        let (first, second) = noise.split_at(BATCHES * COUNT);
+        let (reference, reference_variance) = estimated(first);
+        let (mut test, test_variance) = estimated(second);
+        let found = |test: &[[f32; 3]], freedom: Option<&[f32]>| {
+            let known = |variance| Some(Known { variance, freedom });
+            z_test(&reference, test, known(&reference_variance), known(&test_variance)).unwrap()
+        };
+        let freedom = vec![(BATCHES - 1) as f32; COUNT];
+        let (normal, student) = (found(&test, None), found(&test, Some(&freedom)));
+        assert!(normal.pixels.rejected > 100, "{normal:?}");
+        assert!(student.pixels.rejected == 0 && student.pixels.corrected_p > PIXEL_LEVEL, "{student:?}");
+        assert_eq!((normal.z, normal.p), (student.z, student.p));
+        // And yet a pixel that is far off is found.
+        test[777][1] += 100.0;
+        let wrong = found(&test, Some(&freedom));
+        assert_eq!((wrong.pixels.rejected, wrong.pixels.smallest_p_at), (1, 777), "{wrong:?}");
     }
 
     /// Noise of a known variance, drawn as the sum of twelve uniform numbers.
@@ -227,7 +284,7 @@ mod tests {
         let reference = noisy(0.3, 0.1, COUNT, 1);
         let test = |bias: f64| {
             let image = noisy(0.3 * (1.0 + bias), 0.1, COUNT, 2);
-            z_test(&reference, &image, Some(&variance), Some(&variance)).unwrap()
+            z_test(&reference, &image, sure(&variance), sure(&variance)).unwrap()
         };
         let sound = test(0.0);
         assert!(sound.global_p > 0.01 && sound.pixels.rejected == 0, "{sound:?}");
@@ -235,7 +292,7 @@ mod tests {
         let biased = test(0.012);
         assert!(biased.global_p < 1e-4 && biased.pixels.rejected == 0, "{biased:?}");
         // Taken as exact, the reference's noise must look like a difference of single pixels.
-        let exact = z_test(&reference, &noisy(0.3, 0.01, COUNT, 3), None, Some(&[[1e-4; 3]; COUNT])).unwrap();
+        let exact = z_test(&reference, &noisy(0.3, 0.01, COUNT, 3), None, sure(&[[1e-4; 3]; COUNT])).unwrap();
         assert!(exact.pixels.rejected > 1000 && exact.pixels.corrected_p < 1e-12, "{exact:?}");
     }
 
@@ -246,11 +303,11 @@ mod tests {
         let reference = noisy(0.3, 0.1, COUNT, 1);
         let mut image = noisy(0.3, 0.1, COUNT, 2);
         image[777][1] = 1.8;
-        let found = z_test(&reference, &image, Some(&variance), Some(&variance)).unwrap();
+        let found = z_test(&reference, &image, sure(&variance), sure(&variance)).unwrap();
         assert_eq!((found.pixels.rejected, found.pixels.smallest_p_at), (1, 777));
         assert!(found.global_p > 0.01 && found.pixels.corrected_p < 1e-6, "{found:?}");
         image[777][1] = f32::NAN;
-        let found = z_test(&reference, &image, Some(&variance), None).unwrap();
+        let found = z_test(&reference, &image, sure(&variance), None).unwrap();
         assert_eq!((found.global_p, found.pixels.smallest_p), (0.0, 0.0));
     }
 
@@ -258,11 +315,21 @@ mod tests {
     fn what_is_no_variance_is_refused() {
         let pixel = [[1.0_f32; 3]];
         for wrong in [-1e-9, f32::NAN, f32::INFINITY] {
-            let message = z_test(&pixel, &pixel, None, Some(&[[0.0, wrong, 0.0]])).unwrap_err().to_string();
+            let message = z_test(&pixel, &pixel, None, sure(&[[0.0, wrong, 0.0]])).unwrap_err().to_string();
             assert!(message.contains("pixel 0 has the variance"), "{message}");
         }
+        for wrong in [0.0, -1.0, f32::NAN] {
+            let freedom = Some(&[wrong][..]);
+            let test = |variance| z_test(&pixel, &pixel, Some(Known { variance, freedom }), None);
+            let message = test(&[[0.0, 1.0, 0.0]]).unwrap_err().to_string();
+            assert!(message.contains("pixel 0 has a variance of"), "{message}");
+            // What nothing says can't be wrong.
+            assert_eq!(test(&[[0.0; 3]]).unwrap().pixels.tests, 0);
+        }
+        let short = Known { variance: &pixel, freedom: Some(&[]) };
+        assert!(z_test(&pixel, &pixel, None, Some(short)).is_err());
         assert!(z_test(&pixel, &[[1.0; 3]; 2], None, None).is_err());
-        assert!(z_test(&pixel, &pixel, Some(&[]), None).is_err());
+        assert!(z_test(&pixel, &pixel, sure(&[]), None).is_err());
         assert!(z_test(&[], &[], None, None).is_err());
     }
 }

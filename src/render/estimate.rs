@@ -42,6 +42,15 @@ pub struct ErrorReached {
     pub spp: f64,
 }
 
+/// How well the means of an image's pixels are known.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Spread {
+    /// Of each pixel's mean.
+    pub variance: Vec<[f32; 3]>,
+    /// The degrees of freedom of that: of B batches B - 1. 0 where there is no variance.
+    pub freedom: Vec<f32>,
+}
+
 /// A pixel that has less than this part of the allowed error is left alone though its block isn't good enough.
 const PART: f64 = 0.25;
 /// The quantile of 95 % of a normal distribution.
@@ -54,6 +63,8 @@ pub const RELATIVE_EPSILON: f64 = 1e-2;
 struct Pixel {
     mean: [f64; 3],
     variance: [f64; 3],
+    /// See [`Spread::freedom`].
+    freedom: f64,
     samples: u64,
 }
 
@@ -107,7 +118,8 @@ impl Estimate {
     }
 
     fn pixel(&self, pixel: usize) -> Pixel {
-        let mut found = Pixel { mean: [0.0; 3], variance: [0.0; 3], samples: 0 };
+        let mut found = Pixel { mean: [0.0; 3], variance: [0.0; 3], freedom: 0.0, samples: 0 };
+        let mut known = [(0.0, 0.0); 2];
         let both = self.planes == 2 && (0..2).all(|plane| self.cells[pixel * 2 + plane].count > 0);
         for plane in 0..self.planes {
             let index = pixel * self.planes + plane;
@@ -121,31 +133,42 @@ impl Estimate {
             found.samples += cell.count;
             for k in 0..3 {
                 found.mean[k] += factor * mean[k];
-                if let Some(&(squares, batches)) = self.squares.get(index)
-                    && batches > 1
-                {
-                    let n = cell.count as f64;
+            }
+            if let Some(&(squares, batches)) = self.squares.get(index)
+                && batches > 1
+            {
+                let (n, freedom) = (cell.count as f64, f64::from(batches - 1));
+                let mut sum = 0.0;
+                for k in 0..3 {
                     let spread = (squares[k] - n * (mean[k] * mean[k])).max(0.0);
-                    found.variance[k] += factor * factor * spread / (f64::from(batches - 1) * n);
+                    let variance = factor * factor * spread / (freedom * n);
+                    found.variance[k] += variance;
+                    sum += variance;
                 }
+                known[plane] = (sum, freedom);
             }
         }
+        // Welch 1947; where nothing varies, that of the plane of more batches.
+        let sum = known[0].0 + known[1].0;
+        let parts = known.iter().filter(|(variance, _)| *variance > 0.0).map(|(v, freedom)| v * v / freedom);
+        found.freedom = if sum > 0.0 { sum * sum / parts.sum::<f64>() } else { known[0].1.max(known[1].1) };
         found
     }
 
-    /// The asked-for part of the image: mean radiance of each pixel, blended with `floor` as (1 - floor) * radiance + floor; and, if they are known, the variances of these means.
-    pub fn resolve(&self, crop: Crop, floor: f64) -> (Image, Option<Vec<[f32; 3]>>) {
+    /// The asked-for part of the image: mean radiance of each pixel, blended with `floor` as (1 - floor) * radiance + floor; and, if that is known, how well these means are.
+    pub fn resolve(&self, crop: Crop, floor: f64) -> (Image, Option<Spread>) {
         let mut image = Image::new(crop.width(), crop.height());
-        let mut variances = (!self.squares.is_empty()).then(|| image.pixels.clone());
+        let mut spread = (!self.squares.is_empty()).then(Spread::default);
         let pixels = (crop.y0..crop.y1).flat_map(|y| (crop.x0..crop.x1).map(move |x| (x, y)));
         for (place, (x, y)) in pixels.enumerate() {
             let pixel = self.pixel(self.place(x, y));
             image.pixels[place] = pixel.mean.map(|c| ((1.0 - floor) * c + floor) as f32);
-            if let Some(variances) = &mut variances {
-                variances[place] = pixel.variance.map(|v| ((1.0 - floor) * (1.0 - floor) * v) as f32);
+            if let Some(Spread { variance, freedom }) = &mut spread {
+                variance.push(pixel.variance.map(|v| ((1.0 - floor) * (1.0 - floor) * v) as f32));
+                freedom.push(pixel.freedom as f32);
             }
         }
-        (image, variances)
+        (image, spread)
     }
 
     /// What the first surfaces of the asked-for part are, if that is known.
@@ -218,7 +241,7 @@ impl Estimate {
         let mut sums = [Moments::default(); 2];
         for y in crop.y0..crop.y1 {
             for x in crop.x0..crop.x1 {
-                let Pixel { mean, variance, samples: taken } = self.pixel(self.place(x, y));
+                let Pixel { mean, variance, samples: taken, .. } = self.pixel(self.place(x, y));
                 samples += taken as f64;
                 pixels += 1.0;
                 for (sums, metric) in sums.iter_mut().zip([ErrorMetric::Rmse, ErrorMetric::Relmse]) {
@@ -326,10 +349,12 @@ mod tests {
         for round in &rounds {
             estimate.absorb(film(round, |pixel, sample| 2.0 + dice(pixel, sample)), round);
         }
-        let (image, variances) = estimate.resolve(settings.crop, 0.0);
+        let (image, spread) = estimate.resolve(settings.crop, 0.0);
+        let Spread { variance, freedom } = spread.unwrap();
+        assert_eq!(freedom, [15.0; 128]);
         // Of one sample 1/12.
         let expected = 1.0 / 12.0 / 48.0;
-        let mean: f64 = variances.unwrap().iter().map(|v| f64::from(v[1])).sum::<f64>() / 128.0;
+        let mean: f64 = variance.iter().map(|v| f64::from(v[1])).sum::<f64>() / 128.0;
         assert!((mean / expected - 1.0).abs() < 0.1, "{mean} instead of {expected}");
         let error = estimate.error(settings.crop).unwrap();
         assert!((error.rmse * error.rmse / mean - 1.0).abs() < 1e-5 && error.spp == 48.0);

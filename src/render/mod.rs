@@ -13,7 +13,7 @@ pub mod tile;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::accel::Accel;
+use crate::accel::Trace;
 use crate::geometry::record::{Answer, RayRecord};
 use crate::render::rounds::{Activity, Round};
 use crate::scene::{Color, Scene};
@@ -55,21 +55,21 @@ pub fn planes(settings: &ImageSettings, filter: &FilterTable, round: &Round) -> 
 /// Everything that a thread needs to render any tile.
 pub struct Renderer<'a> {
     scene: &'a Scene,
-    accel: &'a Accel,
+    accel: &'a dyn Trace,
     settings: &'a ImageSettings,
     transport: Transport<'a>,
     filter: FilterTable,
 }
 
 impl<'a> Renderer<'a> {
-    pub fn new(scene: &'a Scene, accel: &'a Accel, settings: &'a ImageSettings) -> Self {
+    pub fn new(scene: &'a Scene, accel: &'a dyn Trace, settings: &'a ImageSettings) -> Self {
         Self::with_filter(scene, accel, settings, FilterTable::new(settings.filter))
     }
 
     /// With a table of the settings' filter that was made before.
     fn with_filter(
         scene: &'a Scene,
-        accel: &'a Accel,
+        accel: &'a dyn Trace,
         settings: &'a ImageSettings,
         filter: FilterTable,
     ) -> Self {

@@ -3,7 +3,7 @@
 //! Lights are numbered: emitters, then lights without extent, then the environment.
 
 use super::environment::{EnvironmentTable, pick};
-use super::{Color, Emitter, Environment, Light, Scene};
+use super::{Emitter, Environment, Light, Scene, mean};
 
 /// Chances of all lights, made once of a scene's header.
 #[derive(Clone, Debug, Default)]
@@ -112,8 +112,4 @@ impl Scene {
         let Some(&sum) = sums.get(number) else { return 0.0 };
         sum - if number == 0 { 0.0 } else { sums[number - 1] }
     }
-}
-
-fn mean([r, g, b]: Color) -> f64 {
-    (r + g + b) / 3.0
 }

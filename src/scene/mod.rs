@@ -40,6 +40,11 @@ pub use texture::Texture;
 /// Linear RGB.
 pub type Color = [f64; 3];
 
+/// What chances are made of: nothing that adds something has none.
+pub(crate) fn mean([r, g, b]: Color) -> f64 {
+    (r + g + b) / 3.0
+}
+
 /// A complete scene in stored space (see [`Frame`]), ready to be traced.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {

@@ -6,6 +6,7 @@ use heliostat::settings::Direct;
 use super::geometry::{disc, factor, obj};
 use super::judge::{Evidence, Verdict};
 use super::stage::Stage;
+use super::text::Text;
 
 const ALL: [Direct; 3] = [Direct::Both, Direct::Light, Direct::Bsdf];
 const SIZE: u32 = 16;
@@ -14,31 +15,12 @@ const SEEN: f64 = 4.0;
 const KD: f64 = 0.6;
 
 /// A floor seen from below the lamp.
-fn floor(lamp: &str) -> String {
-    format!(
-        "[camera]
-type = \"orthographic\"
-position = [0, 0.5, 0]
-look_at = [0, 0, 0]
-up = [0, 0, -1]
-height = {SEEN}
-[render]
-width = {SIZE}
-height = {SIZE}
-spp = 16
-[[material]]
-name = \"matt\"
-kd = {KD}
-[[material]]
-name = \"lamp\"
-kd = 0
-emission = 3
-[[object]]
-type = \"plane\"
-size = 100
-material = \"matt\"
-{lamp}"
-    )
+fn floor() -> Text {
+    Text::from_above(0.5, SEEN)
+        .image(SIZE, 16, "")
+        .material("matt", &format!("kd = {KD}"))
+        .material("lamp", "kd = 0\nemission = 3")
+        .plane(100, "matt", "")
 }
 
 /// What is seen where so much of a sky of radiance 1 would arrive at a point of the floor. The formula is averaged over each pixel.
@@ -70,14 +52,12 @@ fn judge(what: &str, mut stage: Stage, expected: &Evidence, most_error: f64) {
 #[test]
 fn under_a_sphere() {
     let (height, radius) = (1.5, 0.5);
-    let lamp = format!(
-        "[[object]]\ntype = \"sphere\"\ncenter = [0, {height}, 0]\nradius = {radius}\nmaterial = \"lamp\"\n"
-    );
     let share = |at: DVec3| {
         let squared = at.length_squared() + height * height;
         radius * radius / squared * (height / squared.sqrt())
     };
-    judge("sphere", Stage::new(&floor(&lamp), &[]), &expected(share), 4e-3);
+    let text = floor().sphere([0.0, height, 0.0], radius, "lamp");
+    judge("sphere", Stage::new(text, &[]), &expected(share), 4e-3);
 }
 
 /// A level disc: (1 - (1 + H² - R²) / sqrt((1 + H² + R²)² - 4 R²)) / 2 with height and radius in units of the distance from the foot of its axis
@@ -85,7 +65,7 @@ fn under_a_sphere() {
 #[test]
 fn under_a_disc_of_254_triangles() {
     let (height, radius) = (1.2, 0.8);
-    let lamp = "[[object]]\ntype = \"mesh\"\nfile = \"disc.obj\"\nmaterial = \"lamp\"\nshading = \"flat\"\n";
+    let text = floor().mesh("disc.obj", "lamp", "shading = \"flat\"");
     let share = |at: DVec3| {
         let away = at.length().max(1e-9);
         let (h, r) = (height / away, radius / away);
@@ -93,38 +73,25 @@ fn under_a_disc_of_254_triangles() {
         0.5 * (1.0 - (z - 2.0 * r * r) / (z * z - 4.0 * r * r).sqrt())
     };
     let files = [("disc.obj", obj(&disc(radius, height, 256)))];
-    judge("disc", Stage::new(&floor(lamp), &files), &expected(share), 4e-3);
+    judge("disc", Stage::new(text, &files), &expected(share), 4e-3);
 }
 
 #[test]
 fn under_a_triangle_askew() {
     let corners = [DVec3::new(-0.7, 1.2, -0.4), DVec3::new(0.9, 0.9, 0.1), DVec3::new(-0.1, 1.7, 0.8)];
-    let lamp = "[[object]]\ntype = \"mesh\"\nfile = \"triangle.obj\"\nmaterial = \"lamp\"\n";
+    let text = floor().mesh("triangle.obj", "lamp", "");
     let files = [("triangle.obj", obj(&corners))];
     let share = |at: DVec3| factor(at, DVec3::Y, &corners);
-    judge("triangle", Stage::new(&floor(lamp), &files), &expected(share), 8e-3);
+    judge("triangle", Stage::new(text, &files), &expected(share), 8e-3);
 }
 
 /// A matt convex body under an even sky shows albedo times the sky.
 #[test]
 fn a_ball_under_an_even_sky() {
-    let text = "
-[camera]
-position = [0, 0, 4]
-look_at = [0, 0, 0]
-fov = 14
-[render]
-width = 16
-height = 16
-spp = 16
-environment = \"sky.exr\"
-[[material]]
-name = \"matt\"
-kd = 0.37
-[[object]]
-type = \"sphere\"
-material = \"matt\"
-";
+    let text = Text::perspective([0.0, 0.0, 4.0], [0.0; 3], 14.0)
+        .image(16, 16, "environment = \"sky.exr\"")
+        .material("matt", "kd = 0.37")
+        .sphere([0.0; 3], 1.0, "matt");
     let mut stage = Stage::new(text, &[("sky.exr", super::stage::picture(16, 8, |_, _| [2.0; 3]))]);
     let expected = Evidence::exact(&[0.74; 256]);
     for direct in ALL {
@@ -138,35 +105,13 @@ material = \"matt\"
 #[test]
 fn a_ball_within_a_ball() {
     let (inner, outer, ratio) = ([0.5, 0.7], [0.6, 0.4], 0.25);
-    let text = format!(
-        "
-[camera]
-position = [0, 0.2, 1.9]
-look_at = [0, 0, 0]
-fov = 90
-[render]
-width = 16
-height = 16
-spp = 16
-[[material]]
-name = \"inner\"
-kd = {}
-emission = {}
-[[material]]
-name = \"outer\"
-kd = {}
-emission = {}
-[[object]]
-type = \"sphere\"
-radius = 1
-material = \"inner\"
-[[object]]
-type = \"sphere\"
-radius = 2
-material = \"outer\"
-",
-        inner[0], inner[1], outer[0], outer[1]
-    );
+    let glowing = |[kd, emission]: [f64; 2]| format!("kd = {kd}\nemission = {emission}");
+    let text = Text::perspective([0.0, 0.2, 1.9], [0.0; 3], 90.0)
+        .image(16, 16, "")
+        .material("inner", &glowing(inner))
+        .material("outer", &glowing(outer))
+        .sphere([0.0; 3], 1.0, "inner")
+        .sphere([0.0; 3], 2.0, "outer");
     // a = E_a + ρ_a b, b = E_b + ρ_b (r a + (1 - r) b).
     let b = (outer[1] + outer[0] * ratio * inner[1])
         / (1.0 - outer[0] * (1.0 - ratio) - outer[0] * ratio * inner[0]);
@@ -176,7 +121,7 @@ material = \"outer\"
     let forward = -eye.normalize();
     let right = forward.cross(DVec3::Y).normalize();
     let up = right.cross(forward);
-    let mut stage = Stage::new(&text, &[]);
+    let mut stage = Stage::new(text, &[]);
     let all = |x: u32, y: u32, inside: bool| {
         (0..=4u32).all(|i| {
             (0..=4).all(|j| {

@@ -5,47 +5,19 @@ use heliostat::settings::SamplerKind;
 
 use super::judge::LIMIT;
 use super::stage::{Stage, brightness};
+use super::text::Text;
 
 /// Jittered reflections under a lamp: much noise, of all kinds.
-const JITTERED: &str = "
-[camera]
-position = [0, 1.6, 4]
-look_at = [0, 0.4, 0]
-fov = 45
-[render]
-width = 48
-height = 48
-spp = 4
-background = [0.3, 0.4, 0.5]
-[[material]]
-name = \"floor\"
-kd = 0.15
-ks = 0.7
-shininess = 60
-[[material]]
-name = \"ball\"
-kd = 0.3
-ks = 0.5
-shininess = 15
-[[material]]
-name = \"lamp\"
-kd = 0
-emission = 6
-[[object]]
-type = \"plane\"
-size = 40
-material = \"floor\"
-[[object]]
-type = \"sphere\"
-center = [-0.6, 0.5, 0]
-radius = 0.5
-material = \"ball\"
-[[object]]
-type = \"sphere\"
-center = [0.8, 1.1, -0.8]
-radius = 0.35
-material = \"lamp\"
-";
+fn jittered() -> Text {
+    Text::perspective([0.0, 1.6, 4.0], [0.0, 0.4, 0.0], 45.0)
+        .image(SIZE as u32, 4, "background = [0.3, 0.4, 0.5]")
+        .material("floor", "kd = 0.15\nks = 0.7\nshininess = 60")
+        .material("ball", "kd = 0.3\nks = 0.5\nshininess = 15")
+        .material("lamp", "kd = 0\nemission = 6")
+        .plane(40, "floor", "")
+        .sphere([-0.6, 0.5, 0.0], 0.5, "ball")
+        .sphere([0.8, 1.1, -0.8], 0.35, "lamp")
+}
 
 const SIZE: usize = 48;
 const SEEDS: usize = 16;
@@ -93,7 +65,7 @@ fn correlation(
 }
 
 fn noise(sampler: SamplerKind) -> Vec<Image> {
-    let mut stage = Stage::new(JITTERED, &[]);
+    let mut stage = Stage::new(jittered(), &[]);
     stage.image.sampler = sampler;
     stage.seeds(SEEDS as u64)
 }

@@ -7,96 +7,34 @@ use heliostat::settings::{Direct, SamplerKind};
 use super::geometry::obj;
 use super::judge::{Evidence, Verdict};
 use super::stage::{Stage, picture};
+use super::text::Text;
 
 /// A bit of everything: matt, glossy, mirror and glass, a ball and a square that shine, a point light, and a sky.
-const MIXED: &str = "
-[camera]
-position = [0, 1.7, 4.6]
-look_at = [0, 0.75, 0]
-fov = 42
-[render]
-width = 12
-height = 12
-spp = 64
-environment = \"sky.exr\"
-environment_rotation = 40
-[[material]]
-name = \"floor\"
-kd = [0.55, 0.5, 0.4]
-[[material]]
-name = \"glossy\"
-kd = [0.25, 0.2, 0.3]
-ks = [0.5, 0.45, 0.4]
-shininess = 10
-[[material]]
-name = \"mirror\"
-kd = 0.2
-kr = 0.6
-[[material]]
-name = \"glass\"
-kd = 0
-kt = [0.95, 0.98, 0.96]
-fresnel = true
-[[material]]
-name = \"lamp\"
-kd = 0.3
-emission = [2.5, 2.2, 1.8]
-[[material]]
-name = \"panel\"
-kd = 0.4
-emission = [0.8, 1.2, 1.7]
-emission_side = \"front\"
-[[light]]
-type = \"point\"
-position = [2, 3, 3]
-color = 0.12
-[[object]]
-type = \"plane\"
-size = 9
-material = \"floor\"
-[[object]]
-type = \"plane\"
-size = [9, 5]
-material = \"floor\"
-rotate = [90, 0, 0]
-translate = [0, 2.5, -1.8]
-[[object]]
-type = \"sphere\"
-center = [-1.15, 0.55, 0]
-radius = 0.55
-material = \"glossy\"
-[[object]]
-type = \"sphere\"
-center = [0.1, 0.45, -0.5]
-radius = 0.45
-material = \"mirror\"
-[[object]]
-type = \"sphere\"
-center = [1.1, 0.5, 0.3]
-radius = 0.5
-material = \"glass\"
-[[object]]
-type = \"sphere\"
-center = [1.1, 1.9, -0.8]
-radius = 0.5
-material = \"lamp\"
-[[object]]
-type = \"plane\"
-size = [1.8, 1.8]
-material = \"panel\"
-rotate = [180, 0, 0]
-translate = [-0.8, 2.6, 0.4]
-";
+fn mixed() -> Stage {
+    let text = Text::perspective([0.0, 1.7, 4.6], [0.0, 0.75, 0.0], 42.0)
+        .image(12, 64, "environment = \"sky.exr\"\nenvironment_rotation = 40")
+        .material("floor", "kd = [0.55, 0.5, 0.4]")
+        .material("glossy", "kd = [0.25, 0.2, 0.3]\nks = [0.5, 0.45, 0.4]\nshininess = 10")
+        .material("mirror", "kd = 0.2\nkr = 0.6")
+        .material("glass", "kd = 0\nkt = [0.95, 0.98, 0.96]\nfresnel = true")
+        .material("lamp", "kd = 0.3\nemission = [2.5, 2.2, 1.8]")
+        .material("panel", "kd = 0.4\nemission = [0.8, 1.2, 1.7]\nemission_side = \"front\"")
+        .point_light([2.0, 3.0, 3.0], 0.12)
+        .plane(9, "floor", "")
+        .plane("[9, 5]", "floor", "rotate = [90, 0, 0]\ntranslate = [0, 2.5, -1.8]")
+        .sphere([-1.15, 0.55, 0.0], 0.55, "glossy")
+        .sphere([0.1, 0.45, -0.5], 0.45, "mirror")
+        .sphere([1.1, 0.5, 0.3], 0.5, "glass")
+        .sphere([1.1, 1.9, -0.8], 0.5, "lamp")
+        .plane("[1.8, 1.8]", "panel", "rotate = [180, 0, 0]\ntranslate = [-0.8, 2.6, 0.4]");
+    Stage::new(text, &[("sky.exr", sky())])
+}
 
 fn sky() -> Vec<u8> {
     picture(16, 8, |x, y| {
         let bright = if x == 3 && y == 2 { 3.0 } else { 0.0 };
         [0.25 + bright, 0.3 + 0.02 * x as f32 + bright, 0.5 - 0.05 * y as f32 + bright]
     })
-}
-
-fn mixed() -> Stage {
-    Stage::new(MIXED, &[("sky.exr", sky())])
 }
 
 /// What all others must agree with, from seeds of its own.
@@ -134,47 +72,24 @@ fn all_estimators_agree() {
 /// Spheres are sampled by solid angle, triangles by area, and one of very many lights otherwise than one of few.
 #[test]
 fn a_ball_shines_as_its_triangles_do() {
-    let text = |ball: &str| {
-        format!(
-            "
-[camera]
-type = \"orthographic\"
-position = [0, 0.5, 0]
-look_at = [0, 0, 0]
-up = [0, 0, -1]
-height = 5
-[render]
-width = 16
-height = 16
-spp = 16
-[[material]]
-name = \"floor\"
-kd = 0.6
-[[material]]
-name = \"lamp\"
-kd = 0
-emission = 4
-[[object]]
-type = \"plane\"
-size = 50
-material = \"floor\"
-[[object]]
-{ball}
-center = [0, 1.4, 0]
-material = \"lamp\"
-"
-        )
+    let text = |kind: &str, ball: &str| {
+        Text::from_above(0.5, 5.0)
+            .image(16, 16, "")
+            .material("floor", "kd = 0.6")
+            .material("lamp", "kd = 0\nemission = 4")
+            .plane(50, "floor", "")
+            .object(kind, "lamp", &format!("center = [0, 1.4, 0]\n{ball}"))
     };
     // In stored units, which are the same in both scenes.
     let area =
         |stage: &Stage| stage.scene().header.emitters.iter().map(|emitter| emitter.area()).sum::<f64>();
-    let mut sphere = Stage::new(&text("type = \"sphere\"\nradius = 0.5"), &[]);
-    let rough = Stage::new(&text("type = \"icosphere\"\nlevel = 4\nradius = 0.5\nshading = \"flat\""), &[]);
+    let mut sphere = Stage::new(text("sphere", "radius = 0.5"), &[]);
+    let rough = Stage::new(text("icosphere", "level = 4\nradius = 0.5\nshading = \"flat\""), &[]);
     // By Cauchy's theorem a convex body of the same area looks as large from all around.
     let radius = 0.5 * (area(&sphere) / area(&rough)).sqrt();
     assert!((1.0..1.01).contains(&(radius / 0.5)), "{radius}");
-    let ball = format!("type = \"icosphere\"\nlevel = 4\nradius = {radius}\nshading = \"flat\"");
-    let mut icosphere = Stage::new(&text(&ball), &[]);
+    let ball = format!("level = 4\nradius = {radius}\nshading = \"flat\"");
+    let mut icosphere = Stage::new(text("icosphere", &ball), &[]);
     let expected = Evidence::of(&sphere.seeds(16));
     for direct in [Direct::Both, Direct::Light] {
         icosphere.image.direct = direct;
@@ -208,42 +123,21 @@ fn an_error_of_half_a_percent_is_found() {
 #[test]
 fn an_estimator_that_is_half_a_percent_off_is_found() {
     let corners = [[-2.0, 1.5, -2.0], [2.0, 1.5, -2.0], [2.0, 1.5, 2.0], [-2.0, 1.5, 2.0]];
-    let text = "
-[camera]
-type = \"orthographic\"
-position = [0, 0.5, 0]
-look_at = [0, 0, 0]
-up = [0, 0, -1]
-height = 2
-[render]
-width = 16
-height = 16
-spp = 16
-[[material]]
-name = \"floor\"
-kd = 0.5
-[[material]]
-name = \"lamp\"
-kd = 0.5
-emission = 1
-[[object]]
-type = \"plane\"
-size = 4
-material = \"floor\"
-[[object]]
-type = \"mesh\"
-file = \"lamp.obj\"
-material = \"lamp\"
-";
+    let text = Text::from_above(0.5, 2.0)
+        .image(16, 16, "")
+        .material("floor", "kd = 0.5")
+        .material("lamp", "kd = 0.5\nemission = 1")
+        .plane(4, "floor", "")
+        .mesh("lamp.obj", "lamp", "");
     let files = || [("lamp.obj", obj(&corners.map(Into::into)))];
-    let mut right = Stage::new(text, &files());
+    let mut right = Stage::new(&text, &files());
     right.image.seed = 1 << 32;
     right.image.direct = Direct::Bsdf;
     right.image.spp = 64;
     let reference = Evidence::of(&right.seeds(32));
     for direct in [Direct::Both, Direct::Light] {
         for factor in [1.0, 1.005] {
-            let mut stage = Stage::new(text, &files());
+            let mut stage = Stage::new(&text, &files());
             (stage.image.direct, stage.image.spp) = (direct, 64);
             // What points on lamps are worth; the materials, which bounces find, stay.
             stage.meddle(|scene| {

@@ -12,3 +12,4 @@ mod judge;
 mod radiosity;
 mod sky;
 mod stage;
+mod text;

@@ -11,6 +11,7 @@ use super::common::repository;
 use super::geometry::{Rectangle, factor};
 use super::judge::LIMIT;
 use super::stage::Stage;
+use super::text::Text;
 
 /// A flat surface that is cut into patches at the same fractions of its edges.
 #[derive(Clone, Debug)]
@@ -287,36 +288,12 @@ fn the_empty_cornell_box() {
 #[test]
 fn two_parallel_plates() {
     let size = 24;
-    let text = format!(
-        "
-[camera]
-type = \"orthographic\"
-position = [0, 0.3, 0]
-look_at = [0, 0, 0]
-up = [0, 0, -1]
-height = 0.96
-[render]
-width = {size}
-height = {size}
-spp = 16
-[[material]]
-name = \"lower\"
-kd = [0.9, 0.6, 0.3]
-[[material]]
-name = \"upper\"
-kd = [0.5, 0.7, 0.9]
-emission = [1, 2, 0.5]
-emission_side = \"front\"
-[[object]]
-type = \"plane\"
-material = \"lower\"
-[[object]]
-type = \"plane\"
-material = \"upper\"
-rotate = [180, 0, 0]
-translate = [0, 0.6, 0]
-"
-    );
+    let text = Text::from_above(0.3, 0.96)
+        .image(size, 16, "")
+        .material("lower", "kd = [0.9, 0.6, 0.3]")
+        .material("upper", "kd = [0.5, 0.7, 0.9]\nemission = [1, 2, 0.5]\nemission_side = \"front\"")
+        .plane(1, "lower", "")
+        .plane(1, "upper", "rotate = [180, 0, 0]\ntranslate = [0, 0.6, 0]");
     let wall = |corner, across, along, albedo, emission| Wall {
         shape: Rectangle::new(corner, across, along),
         albedo,
@@ -351,7 +328,7 @@ translate = [0, 0.6, 0]
     };
     let regions = regions(&room, &view, size);
     assert_eq!(regions.len(), 4);
-    let mut stage = Stage::new(&text, &[]);
+    let mut stage = Stage::new(text, &[]);
     for direct in [Direct::Both, Direct::Light, Direct::Bsdf] {
         stage.image.direct = direct;
         judge(&format!("plates, {direct:?}"), &mut stage, 12, &regions);

@@ -24,13 +24,13 @@ pub struct Stage {
 
 impl Stage {
     /// A scene file's text, and the files that it names.
-    pub fn new(text: &str, files: &[(&str, Vec<u8>)]) -> Self {
+    pub fn new(text: impl AsRef<str>, files: &[(&str, Vec<u8>)]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         for (name, bytes) in files {
             std::fs::write(folder.path().join(name), bytes).unwrap();
         }
         let path = folder.path().join("stage.toml");
-        std::fs::write(&path, text).unwrap();
+        std::fs::write(&path, text.as_ref()).unwrap();
         Stage::open(&path)
     }
 

@@ -129,7 +129,7 @@ pub struct Args {
 /// What can be written beside the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Aov {
-    /// Of each pixel's mean: its standard error squared.
+    /// Of each pixel's mean: its standard error squared; with its degrees of freedom as the layer freedom.
     Variance,
     /// What the first surface reflects.
     Albedo,

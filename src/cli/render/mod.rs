@@ -20,6 +20,7 @@ use crate::output::stats::{RankStats, Stats};
 use crate::output::timeline::{self, Timeline};
 use crate::output::write::{self, Target, WriteOptions};
 use crate::output::{file, metadata};
+use crate::render::estimate::Spread;
 use crate::render::features::Features;
 use crate::scene::load;
 use crate::settings::{BuildSettings, RunSettings, Show, Split, Within};
@@ -209,9 +210,11 @@ fn write_image(rendered: &Rendered, work: &Work, errand: &Errand) -> Result<()> 
 }
 
 fn layers(rendered: &Rendered, aov: &[Aov]) -> Vec<Layer> {
+    let Spread { variance, freedom } = rendered.spread.clone().unwrap_or_default();
     let Features { albedo, normal, position, depth, id } = rendered.features.clone().unwrap_or_default();
     [
-        (Aov::Variance, Layer::variance(rendered.variance.clone().unwrap_or_default())),
+        (Aov::Variance, Layer::variance(variance)),
+        (Aov::Variance, Layer::freedom(freedom)),
         (Aov::Albedo, Layer::albedo(albedo)),
         (Aov::Normal, Layer::normal(normal)),
         (Aov::Position, Layer::position(position)),

@@ -15,6 +15,7 @@ use serde::Serialize;
 use crate::accel::Accel;
 use crate::error::{Error, Result};
 use crate::job::{Crew, Work};
+use crate::lab::ladder::textbook::Precision;
 use crate::output::compare::{Comparison, compare};
 use crate::output::plot::pareto_front;
 use crate::scene::Scene;
@@ -34,6 +35,8 @@ pub struct Curve {
     pub filter: Filter,
     pub direct: Direct,
     pub accel: AccelKind,
+    /// In what arithmetic rays are answered. Those that aren't the renderer's have a hierarchy of their own.
+    pub precision: Precision,
     /// Whether errors are asked for, not numbers of samples.
     pub adaptive: bool,
 }
@@ -261,7 +264,8 @@ fn climb<'a>(
     let mut trails: Vec<Trail> = Vec::new();
     for &curve in &plan.curves {
         let found = references.iter().find(|(filter, _)| *filter == curve.filter);
-        let work = kinds.iter().position(|&kind| kind == curve.accel);
+        // Where the structure isn't asked any will do.
+        let work = kinds.iter().position(|&kind| kind == curve.accel || curve.precision != Precision::Exact);
         let efforts = if curve.adaptive {
             plan.targets.iter().map(|&target| Effort::Target(target)).collect()
         } else {
@@ -280,7 +284,7 @@ fn climb<'a>(
                 }
                 let Some(&effort) = trail.efforts.get(step) else { continue };
                 let settings = trail.settings(effort, image, u64::from(round % plan.seeds));
-                let shot = stage.shoot(trail.work, &settings)?;
+                let shot = stage.shoot(trail.work, trail.curve.precision, &settings)?;
                 let tries = &mut trail.rungs[step];
                 tries.time(&shot);
                 if round < plan.seeds {

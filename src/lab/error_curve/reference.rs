@@ -7,6 +7,7 @@ use bytemuck::cast_slice;
 use super::stage::Stage;
 use crate::error::{Error, Result};
 use crate::image::{Image, Layer};
+use crate::lab::ladder::textbook::Precision;
 use crate::output::compare::RELATIVE_EPSILON;
 use crate::output::write::{self, Format, Target, WriteOptions};
 use crate::output::{metadata, read};
@@ -93,7 +94,7 @@ impl Reference {
             Quality::Samples(spp) => (whole_parts(spp), None),
             Quality::Seconds(limit) => {
                 let look = ImageSettings { spp: PARTS, seed: SEED, ..settings.clone() };
-                let each = stage.shoot(0, &look)?.seconds / f64::from(PARTS);
+                let each = stage.shoot(0, Precision::Exact, &look)?.seconds / f64::from(PARTS);
                 let most = (limit / each).clamp(LEAST.into(), MOST.into()) as u32;
                 let spp = 1 << most.ilog2();
                 (spp, Some(each * f64::from(spp)))
@@ -132,7 +133,8 @@ impl Reference {
         let metadata = metadata::describe(&reference_settings(settings, self.spp));
         let options = WriteOptions { encoding: Encoding::Linear, metadata };
         let target = Target::File { path: path.into(), format: Format::Exr };
-        let layers = [Layer::variance(self.variance.clone())];
+        let freedom = vec![(PARTS - 1) as f32; self.variance.len()];
+        let layers = [Layer::variance(self.variance.clone()), Layer::freedom(freedom)];
         write::write_with_layers(&self.image, &layers, &target, &options)
     }
 }
@@ -160,7 +162,8 @@ fn render(stage: &mut Stage, settings: &ImageSettings, spp: u32) -> Result<Refer
     let mut seconds = 0.0;
     for part in 0..PARTS {
         let own = reference_settings(settings, spp / PARTS);
-        let shot = stage.shoot(0, &ImageSettings { seed: SEED + u64::from(part), ..own })?;
+        let shot =
+            stage.shoot(0, Precision::Exact, &ImageSettings { seed: SEED + u64::from(part), ..own })?;
         seconds += shot.seconds;
         for (i, pixel) in shot.rendered.image.pixels.iter().enumerate() {
             for k in 0..3 {

@@ -4,9 +4,11 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
+use crate::accel::Trace;
 use crate::cluster::share::computed;
 use crate::error::Result;
 use crate::job::{self, Crew, Rendered, Work};
+use crate::lab::ladder::textbook::{Precision, Textbook};
 use crate::output::stats::{RankStats, Stats};
 use crate::settings::ImageSettings;
 
@@ -14,6 +16,8 @@ use crate::settings::ImageSettings;
 pub struct Stage<'a> {
     crew: &'a Crew<'a>,
     works: Vec<Work>,
+    /// What answers in other arithmetic than the renderer's, by number of the work; made when it is first asked.
+    textbooks: Vec<(u32, Textbook)>,
     /// After an error of a render nobody knows where the other ranks are.
     in_step: bool,
 }
@@ -22,6 +26,7 @@ pub struct Stage<'a> {
 #[derive(Serialize, Deserialize)]
 struct Order {
     work: u32,
+    precision: Precision,
     image: ImageSettings,
 }
 
@@ -50,7 +55,7 @@ pub fn perform<T>(
     let count = computed(crew.comm, || Ok(works.len() as u64))?;
     works.resize_with(count as usize, Work::default);
     works.iter_mut().try_for_each(|work| job::distribute(crew, work))?;
-    let mut stage = Stage { crew, works, in_step: true };
+    let mut stage = Stage { crew, works, textbooks: Vec::new(), in_step: true };
     if crew.comm.rank() > 0 {
         while let Some(order) = computed(crew.comm, || Ok(None))? {
             stage.render(&order)?;
@@ -70,9 +75,9 @@ pub fn perform<T>(
 }
 
 impl Stage<'_> {
-    /// On rank 0: renders a work with these settings.
-    pub fn shoot(&mut self, work: usize, image: &ImageSettings) -> Result<Shot> {
-        let order = Order { work: work as u32, image: image.clone() };
+    /// On rank 0: renders a work with these settings, its rays answered in this arithmetic.
+    pub fn shoot(&mut self, work: usize, precision: Precision, image: &ImageSettings) -> Result<Shot> {
+        let order = Order { work: work as u32, precision, image: image.clone() };
         self.in_step = false;
         let order = computed(self.crew.comm, || Ok(Some(order)))?;
         let shot = order.map(|order| self.render(&order)).transpose()?.flatten();
@@ -81,14 +86,23 @@ impl Stage<'_> {
     }
 
     fn render(&mut self, order: &Order) -> Result<Option<Shot>> {
-        let comm = self.crew.comm;
-        let work = &mut self.works[order.work as usize];
+        let Stage { crew, works, textbooks, .. } = self;
+        let comm = crew.comm;
+        let work = &mut works[order.work as usize];
         work.image = order.image.clone();
-        let threads = self.crew.pool.current_num_threads() as u32;
+        let is_asked =
+            |(work, book): &&(u32, Textbook)| (*work, book.precision()) == (order.work, order.precision);
+        if !textbooks.iter().any(|book| is_asked(&book))
+            && let Some(book) = Textbook::new(order.precision, &work.scene.surfaces)
+        {
+            textbooks.push((order.work, book));
+        }
+        let tracer = textbooks.iter().find(is_asked).map(|(_, book)| book as &dyn Trace);
+        let threads = crew.pool.current_num_threads() as u32;
         let mut stats = RankStats { rank: comm.rank() as u32, threads, ..RankStats::default() };
         comm.barrier();
         let begin = Instant::now();
-        let rendered = job::render(self.crew, work, &mut stats)?;
+        let rendered = job::render_by(crew, work, tracer, &mut stats)?;
         let seconds = begin.elapsed().as_secs_f64();
         let ranks = job::gather_stats(comm, &stats)?;
         Ok(rendered.zip(ranks).map(|(rendered, ranks)| {

@@ -14,7 +14,14 @@ use crate::settings::{BuildPreset, Encoding};
 use reference::fingerprint;
 
 fn curve(sampler: SamplerKind, adaptive: bool) -> Curve {
-    Curve { sampler, filter: Filter::Box, direct: Direct::Both, accel: AccelKind::Bvh, adaptive }
+    Curve {
+        sampler,
+        filter: Filter::Box,
+        direct: Direct::Both,
+        accel: AccelKind::Bvh,
+        precision: Precision::Exact,
+        adaptive,
+    }
 }
 
 /// The Cornell box in 16 x 12 pixels.
@@ -119,6 +126,49 @@ fn adaptive_curves_reach_what_they_were_asked_for() {
         assert!(rung.rmse < 1.3 * target, "{} of {target}", rung.rmse);
     }
     assert!(rungs[0].mean_spp >= 16.0 && rungs[1].mean_spp > rungs[0].mean_spp);
+}
+
+/// On so wide a floor the ε of f32 is a fifth of the wall's height, and light comes through where the two meet. In f64 it is too small to be seen.
+#[test]
+fn samples_do_not_mend_what_precision_spoils() {
+    let text = "
+[camera]
+position = [0, 1, 3]
+look_at = [0.3, 0, 0]
+fov = 30
+[[material]]
+name = \"matt\"
+kd = 0.8
+[[light]]
+type = \"directional\"
+direction = [0.2, -1, 1]
+color = 0.9
+[[object]]
+type = \"plane\"
+size = 4000
+material = \"matt\"
+[[object]]
+type = \"plane\"
+size = [2, 1]
+rotate = [90, 0, 0]
+translate = [0, 0.5, 0]
+material = \"matt\"
+";
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("wall.toml");
+    std::fs::write(&path, text).unwrap();
+    let scene = load::load(&path).unwrap().scene;
+    let accels = vec![Accel::build(AccelKind::Grid, BuildPreset::Fast, &scene.surfaces)];
+    let subject =
+        Subject { name: "wall".into(), scene, accels, image: ImageSettings::sized(16, 16), cache: None };
+    let of = |precision| Curve { accel: AccelKind::Grid, precision, ..curve(SamplerKind::Sobol, false) };
+    let all = [Precision::Exact, Precision::F32, Precision::F64];
+    let (measured, _) = alone(subject, &plan(all.map(of).into(), &[4, 64], 1024));
+    let [exact, single, double] = [0, 1, 2].map(|k| &measured.curves[k].rungs[1]);
+    assert!(single.rmse > 5.0 * exact.rmse, "{} {}", single.rmse, exact.rmse);
+    assert!((double.measured_rmse / exact.measured_rmse - 1.0).abs() < 1e-3, "{double:?} {exact:?}");
+    assert!(measured.curves.iter().all(|curve| curve.rungs[0].rmse > exact.rmse));
+    assert!(single.rays > 0.9 * exact.rays);
 }
 
 #[test]

@@ -1,13 +1,14 @@
 //! The precision ladder: textbook ways to meet rays with triangles and spheres, from the integers of 1994 to the renderer's own f64
 //! decision, all given the same rays. What more digits buy can be read from a table and seen in pictures.
 //!
-//! These kernels live here only: nothing in the renderer knows them. No ray here runs through an accelerator; every primitive is tried.
+//! These kernels live here only: nothing in the renderer knows them. Every primitive is tried, but by [`textbook`], which answers for whole images.
 
 mod aim;
 mod fixed;
 mod gallery;
 mod sphere;
 mod sphere_rungs;
+pub mod textbook;
 mod triangle;
 mod triangle_rungs;
 

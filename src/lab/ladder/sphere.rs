@@ -39,6 +39,24 @@ macro_rules! textbook {
             direction: [$float; 3],
         }
 
+        impl $ray {
+            /// Where the ray's line enters and leaves.
+            #[inline]
+            pub fn crossings(&self, (center, radius): &([$float; 3], $float)) -> Option<[$float; 2]> {
+                let dot = |a: [$float; 3], b: [$float; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+                let f: [$float; 3] = std::array::from_fn(|axis| self.origin[axis] - center[axis]);
+                let a = dot(self.direction, self.direction);
+                let b = 2.0 * dot(f, self.direction);
+                let c = dot(f, f) - radius * radius;
+                let discriminant = b * b - 4.0 * a * c;
+                if discriminant < 0.0 {
+                    return None;
+                }
+                let root = discriminant.sqrt();
+                Some([(-b - root) / (2.0 * a), (-b + root) / (2.0 * a)])
+            }
+        }
+
         impl Arithmetic for $name {
             type Ray = $ray;
             type Ball = ([$float; 3], $float);
@@ -54,18 +72,8 @@ macro_rules! textbook {
             }
 
             #[inline]
-            fn meet(&self, ray: &$ray, (center, radius): &Self::Ball) -> Option<$float> {
-                let dot = |a: [$float; 3], b: [$float; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-                let f: [$float; 3] = std::array::from_fn(|axis| ray.origin[axis] - center[axis]);
-                let a = dot(ray.direction, ray.direction);
-                let b = 2.0 * dot(f, ray.direction);
-                let c = dot(f, f) - radius * radius;
-                let discriminant = b * b - 4.0 * a * c;
-                if discriminant < 0.0 {
-                    return None;
-                }
-                let root = discriminant.sqrt();
-                let (near, far) = ((-b - root) / (2.0 * a), (-b + root) / (2.0 * a));
+            fn meet(&self, ray: &$ray, ball: &Self::Ball) -> Option<$float> {
+                let [near, far] = ray.crossings(ball)?;
                 if near > 0.0 { Some(near) } else { (far > 0.0).then_some(far) }
             }
 

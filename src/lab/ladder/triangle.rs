@@ -18,7 +18,7 @@ pub trait TriangleKernel: Sync {
 
 macro_rules! vectors {
     ($name:ident, $float:ty) => {
-        mod $name {
+        pub(super) mod $name {
             pub type V = [$float; 3];
 
             #[inline]
@@ -36,9 +36,14 @@ macro_rules! vectors {
                 [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
             }
 
-            /// Möller & Trumbore 1997, the two-sided test.
+            /// Möller & Trumbore 1997, the two-sided test: t, and the weights of the second and third vertex.
             #[inline]
-            pub fn moller_trumbore(o: V, d: V, [v0, v1, v2]: &[V; 3], epsilon: $float) -> Option<$float> {
+            pub fn moller_trumbore(
+                o: V,
+                d: V,
+                [v0, v1, v2]: &[V; 3],
+                epsilon: $float,
+            ) -> Option<[$float; 3]> {
                 let (e1, e2) = (sub(*v1, *v0), sub(*v2, *v0));
                 let p = cross(d, e2);
                 let det = dot(e1, p);
@@ -57,7 +62,7 @@ macro_rules! vectors {
                     return None;
                 }
                 let t = dot(e2, q) * inverse;
-                (t > epsilon).then_some(t)
+                (t > epsilon).then_some([t, u, v])
             }
         }
     };
@@ -84,7 +89,7 @@ impl TriangleKernel for MollerTrumboreF32 {
 
     #[inline]
     fn intersect(&self, ray: &AimedRay, triangle: &[[f32; 3]; 3]) -> Option<f64> {
-        single::moller_trumbore(ray.origin, ray.direction, triangle, self.epsilon).map(f64::from)
+        single::moller_trumbore(ray.origin, ray.direction, triangle, self.epsilon).map(|[t, ..]| f64::from(t))
     }
 }
 
@@ -105,7 +110,7 @@ impl TriangleKernel for MollerTrumboreF64 {
 
     #[inline]
     fn intersect(&self, [origin, direction]: &[[f64; 3]; 2], triangle: &[[f64; 3]; 3]) -> Option<f64> {
-        double::moller_trumbore(*origin, *direction, triangle, 0.0)
+        double::moller_trumbore(*origin, *direction, triangle, 0.0).map(|[t, ..]| t)
     }
 }
 

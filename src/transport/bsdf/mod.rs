@@ -23,8 +23,8 @@ use self::conductor::{Metal, RoughConductor};
 use self::dielectric::RoughDielectric;
 use self::microfacet::Ggx;
 use super::{BLACK, is_black, scaled, times};
-use crate::scene::Color;
 use crate::scene::material::{Material, Physical};
+use crate::scene::{Color, mean};
 
 /// The lobes of one hit.
 #[derive(Clone, Copy, Debug)]
@@ -152,11 +152,6 @@ impl Scattered {
     fn delta(wi: DVec3, weight: Color, transmitted: bool) -> Self {
         Scattered { wi, weight, pdf: f64::INFINITY, transmitted }
     }
-}
-
-/// What the lobes of a mixture are chosen by: no lobe that adds something has none.
-fn mean(color: Color) -> f64 {
-    (color[0] + color[1] + color[2]) / 3.0
 }
 
 #[cfg(test)]
