@@ -64,6 +64,7 @@ impl RayRecord {
     pub const ORIGINS: [Origin; 4] = [Origin::Camera, Origin::Reflection, Origin::Refraction, Origin::Shadow];
 
     /// A camera ray.
+    #[inline]
     pub fn camera(origin: DVec3, direction: DVec3, pixel: u32, sample: u32, plane: u8) -> Self {
         RayRecord {
             origin: origin.to_array(),
@@ -86,6 +87,7 @@ impl RayRecord {
     }
 
     /// A ray that goes on from a hit of this one.
+    #[inline]
     pub fn onward(&self, from: DVec3, start: u32, direction: DVec3, query: Query, made_by: Origin) -> Self {
         RayRecord {
             origin: from.to_array(),

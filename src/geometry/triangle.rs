@@ -79,7 +79,7 @@ pub(super) fn has_one_sign([u, v, w]: [f64; 3]) -> bool {
 
 /// Meets the whole line of the ray; the caller checks the range of t.
 ///
-/// A triangle that the ray sees exactly edge-on is missed. `vertices` are exact f32 values.
+/// A triangle without area, in itself or as the ray sees it, is missed. `vertices` are exact f32 values.
 #[inline]
 pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit> {
     let sheared = Sheared::new(ray, vertices);

@@ -68,7 +68,7 @@ impl Layer {
     /// Name of [`Layer::freedom`].
     pub const FREEDOM: &str = "freedom";
 
-    /// N: the degrees of freedom of the variance, of B batches of samples B - 1; 0 where there is none.
+    /// N: the degrees of freedom of the variance, of B batches of samples B - 1 (of a filter with negative lobes what Welch gives both its parts together); 0 where it isn't known.
     pub fn freedom(pixels: Vec<f32>) -> Self {
         Self::new(Self::FREEDOM, &["N"], LayerSamples::F32(pixels))
     }

@@ -92,8 +92,9 @@ pub fn z_test(
             }
             let freedom = known.freedom.map_or(f64::INFINITY, |freedom| f64::from(freedom[i]));
             if variance > 0.0 && (freedom.is_nan() || freedom <= 0.0) {
-                let what =
-                    format!("pixel {i} has a variance of {freedom} degrees of freedom; give more than 0");
+                let what = format!(
+                    "pixel {i} has a variance of {freedom} degrees of freedom, which must be more than 0; render the image anew with --aov variance, or leave its layer `freedom` out"
+                );
                 return Err(Error::Differs(what));
             }
             *found = (variance, freedom);

@@ -47,7 +47,7 @@ pub struct ErrorReached {
 pub struct Spread {
     /// Of each pixel's mean.
     pub variance: Vec<[f32; 3]>,
-    /// The degrees of freedom of that: of B batches B - 1. 0 where there is no variance.
+    /// The degrees of freedom of that: of B batches B - 1, or what Welch gives both planes together. 0 where it isn't known.
     pub freedom: Vec<f32>,
 }
 

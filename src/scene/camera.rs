@@ -85,7 +85,7 @@ impl Camera {
 
     /// Origin and unit direction of the ray through film point (x, y) in pixels from the upper left corner of an image of
     /// width * height pixels, and through the point of the lens, if there is one, that two numbers in [0, 1) choose: (1/2, 1/2) is its centre.
-    #[inline]
+    #[inline(always)]
     pub fn ray(&self, x: f64, y: f64, width: f64, height: f64, lens: [f64; 2]) -> (DVec3, DVec3) {
         let right = self.right * ((2.0 * x - width) / height);
         let up = self.up * ((height - 2.0 * y) / height);

@@ -61,6 +61,12 @@ pub enum Shape {
 /// Ids from here on are those of guests, see [`Surfaces::guests`].
 pub const FIRST_GUEST: u32 = 1 << 31;
 
+/// Whether a primitive that a ray starts on is a guest.
+#[inline(always)]
+pub fn is_guest(start: u32) -> bool {
+    start >= FIRST_GUEST && start != NONE
+}
+
 /// All primitives of a scene in stored space, in memory or in the file that they were converted to.
 #[derive(Clone, Debug, Default)]
 pub struct Surfaces {

@@ -94,8 +94,12 @@ impl Scene {
     }
 
     /// The part that owns a primitive id.
+    #[inline]
     pub fn part(&self, primitive: u32) -> &Part {
         let parts = &self.header.parts;
+        if let [only] = &parts[..] {
+            return only;
+        }
         &parts[parts.partition_point(|part| part.first <= primitive) - 1]
     }
 }

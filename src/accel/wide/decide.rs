@@ -4,8 +4,11 @@ use super::bundle::{Bundle, Progress, lower, upper};
 use super::questions::{Batch, Questions};
 use super::tree::{Block, SPHERE_CANDIDATE, WIDTH};
 use crate::accel::tester::Tester;
-use crate::geometry::NONE;
 use crate::geometry::record::Answer;
+use crate::geometry::start::RADIUS;
+use crate::geometry::triangle::GRAZING;
+use crate::geometry::{NONE, cross, dot, norm_max, norm1, sub};
+use crate::scene::mesh::is_guest;
 
 impl Bundle {
     /// A lane's ray with what has been decided of it.
@@ -39,6 +42,12 @@ impl Bundle {
         (block, are_spheres): (&Block, bool),
         mut open: u32,
     ) -> bool {
+        if !are_spheres {
+            open = self.not_beyond(batch.walked.extent, lane, block, open);
+            if open == 0 {
+                return false;
+            }
+        }
         let mut tester = self.tester(batch, lane);
         let before = tester.t_best;
         while open != 0 {
@@ -60,6 +69,35 @@ impl Bundle {
             self.reconcile(batch, lane, progress);
         }
         false
+    }
+
+    /// Which of these triangles aren't surely met beyond all that counts. A shadow ray ends just before the lamp it goes to: it needs no more than this to pass it.
+    ///
+    /// t is that of `triangle::intersect`, operation by operation, wherever the plane is neither grazed nor so near to the origin that a start on a surface matters.
+    fn not_beyond(&self, extent: f64, lane: usize, block: &Block, mut open: u32) -> u32 {
+        let exact = &self.exact;
+        let t_best = self.t_best(lane);
+        // How far the start's own triangle reaches is known of those of this part alone.
+        if t_best == f64::INFINITY || exact.moved[lane] != 0.0 || is_guest(self.start[lane]) {
+            return open;
+        }
+        let origin = [exact.origin[0][lane], exact.origin[1][lane], exact.origin[2][lane]];
+        let direction = [exact.direction[0][lane], exact.direction[1][lane], exact.direction[2][lane]];
+        let radius = 2.0 * RADIUS * (norm_max(origin) + extent);
+        let mut left = open;
+        while left != 0 {
+            let k = left.trailing_zeros() as usize;
+            left &= left - 1;
+            let [a, b, c] = corners(block, k);
+            let (e1, e2) = (sub(b, a), sub(c, a));
+            let n = cross(e1, e2);
+            let (along, height) = (dot(n, direction), dot(n, sub(a, origin)));
+            let size = norm1(e1) * norm1(e2);
+            if along.abs() > GRAZING * size && height.abs() > radius * size && height / along > t_best {
+                open &= !(1 << k);
+            }
+        }
+        open
     }
 
     /// Settles the candidate where what has been decided doesn't lie clear of it.

@@ -9,6 +9,7 @@ use crate::geometry::NONE;
 use crate::geometry::record::Answer;
 use crate::geometry::start::RADIUS;
 use crate::geometry::triangle::GRAZING;
+use crate::scene::mesh::FIRST_GUEST;
 
 /// The candidates' triangles and what becomes of them.
 #[repr(C, align(64))]
@@ -143,7 +144,7 @@ impl Decisions {
             self.t[lane] = t;
             self.weights[0][lane] = v / sum;
             self.weights[1][lane] = w / sum;
-            // Doubt as of `Start`, for whatever triangle the ray starts on: all coordinates are within the reach.
+            // Doubt as of `Start`, for whatever triangle of this part the ray starts on: all coordinates are within the reach.
             let size =
                 ((e1[0].abs() + e1[1].abs()) + e1[2].abs()) * ((e2[0].abs() + e2[1].abs()) + e2[2].abs());
             let away = larger(larger(origin[0].abs(), origin[1].abs()), origin[2].abs());
@@ -155,7 +156,9 @@ impl Decisions {
             let negative = (u < -doubt_u) & (v < -doubt_v) & (w < -doubt_w);
             let upright = along.abs() > GRAZING * size;
             let clear = height.abs() > radius * size;
-            let finite = (sum.abs() < f64::INFINITY) & (exact.moved[lane] == 0.0);
+            let start = bundle.start[lane];
+            let is_ours = (start < FIRST_GUEST) | (start == NONE);
+            let finite = (sum.abs() < f64::INFINITY) & (exact.moved[lane] == 0.0) & is_ours;
             self.is_plain[lane] = u64::from((positive | negative) & upright & clear & finite);
         }
     }

@@ -97,7 +97,7 @@ pub struct Args {
     /// Memory of each rank for rays that travel, with --split triangles or voxels; more rays wait in temporary files
     #[arg(long, value_name = "BYTES", env = "HELIOSTAT_RAY_MEMORY", default_value = "256M", value_parser = bytes, help_heading = "Run")]
     pub(super) ray_memory: u64,
-    /// Memory of each rank, beside its own part, for copies of the blocks that most rays come to, with --split voxels; never changes a byte of the image
+    /// Memory of each rank, about, for copies of the blocks that most rays come to and all textures, beside its own part, with --split voxels; --stats tells what was copied; never changes a byte of the image
     #[arg(long, value_name = "BYTES", env = "HELIOSTAT_REPLICATE_HOT", value_parser = bytes, help_heading = "Run")]
     pub(super) replicate_hot: Option<u64>,
     /// How the threads of a rank divide its work; never changes a byte of the image
@@ -248,7 +248,7 @@ pub(in crate::cli) fn bytes(text: &str) -> std::result::Result<u64, String> {
     parsed.filter(|&bytes| bytes > 0).ok_or_else(|| "give a number of bytes, such as 256M or 2G".into())
 }
 
-pub fn density(text: &str) -> std::result::Result<f64, String> {
+pub(in crate::cli) fn density(text: &str) -> std::result::Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if (1e-6..=1000.0).contains(&value) => Ok(value),
         _ => Err("give a number of cells for each primitive, from 0.000001 to 1000".into()),

@@ -5,9 +5,9 @@ mod args;
 use std::path::PathBuf;
 use std::time::Instant;
 
+pub use self::args::Args;
 use self::args::{Aov, image_settings};
-pub use self::args::{Args, density};
-pub(super) use self::args::{bytes, positive, seconds, size};
+pub(super) use self::args::{bytes, density, positive, seconds, size};
 use super::{note, warn};
 use crate::accel::{Accel, divided};
 use crate::cluster::share;
@@ -162,7 +162,7 @@ pub(super) fn replicates(bytes: Option<u64>, split: Split) -> Result<()> {
         Some(_) if split != Split::Voxels => Err(Error::usage(
             "--replicate-hot",
             "only blocks of voxels are replicated, which this --split has none of",
-            "leave it out, or give --split voxels",
+            "leave it (HELIOSTAT_REPLICATE_HOT, too) out, or give --split voxels",
         )),
         _ => Ok(()),
     }
