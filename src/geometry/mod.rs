@@ -138,3 +138,21 @@ pub(crate) fn norm_max(a: [f64; 3]) -> f64 {
 pub(crate) fn norm1(a: [f64; 3]) -> f64 {
     (a[0].abs() + a[1].abs()) + a[2].abs()
 }
+
+/// A small deterministic generator for tests: Knuth's linear congruence.
+#[cfg(test)]
+struct Numbers(u64);
+
+#[cfg(test)]
+impl Numbers {
+    /// The upper bits are the random ones.
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0
+    }
+
+    /// In [0, 1).
+    fn unit(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / 9_007_199_254_740_992.0
+    }
+}

@@ -14,6 +14,41 @@ use super::{Prepared, cross, dot, norm_max, norm1, sub};
 /// |n·d| > 2^-16 |e1|₁|e2|₁ leaves (16uQ + 16u|td|∞) 2^16 ≤ 2^-32 Q. `bounds` pads boxes by twice that.
 pub const GRAZING: f64 = 1.0 / 65536.0;
 
+/// A triangle's plane and a line, in plain f64.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane {
+    /// e1 × e2.
+    normal: [f64; 3],
+    /// n·d.
+    along: f64,
+    /// n·(v − o), for the first vertex.
+    pub height: f64,
+    /// |e1|₁|e2|₁.
+    pub size: f64,
+}
+
+impl Plane {
+    #[inline(always)]
+    pub fn seen(origin: [f64; 3], direction: [f64; 3], vertices: &[[f64; 3]; 3]) -> Self {
+        let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
+        let normal = cross(e1, e2);
+        let height = dot(normal, sub(vertices[0], origin));
+        Plane { normal, along: dot(normal, direction), height, size: norm1(e1) * norm1(e2) }
+    }
+
+    /// Whether [`Plane::t`] keeps digits enough: see [`GRAZING`]. Not if products left f64's range (NaN).
+    #[inline(always)]
+    pub fn is_upright(&self) -> bool {
+        self.along.abs() > GRAZING * self.size
+    }
+
+    /// Where the line meets the plane.
+    #[inline(always)]
+    pub fn t(&self) -> f64 {
+        self.height / self.along
+    }
+}
+
 /// A hit in units of the scaled direction, with its unnormalised barycentric coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct TriangleHit {
@@ -86,7 +121,8 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
     if !sheared.is_crossed() {
         return None;
     }
-    let t = meet_plane(ray, vertices, sheared.weights, 0.0)?;
+    let plane = Plane::seen(ray.origin, ray.direction, vertices);
+    let t = meet_plane(ray, vertices, &plane, sheared.weights, 0.0)?;
     Some(TriangleHit { t, weights: sheared.weights })
 }
 
@@ -98,19 +134,15 @@ pub fn intersect(ray: &Prepared, vertices: &[[f64; 3]; 3]) -> Option<TriangleHit
 pub(super) fn meet_plane(
     ray: &Prepared,
     vertices: &[[f64; 3]; 3],
+    plane: &Plane,
     weights: [f64; 3],
     aside: f64,
 ) -> Option<f64> {
-    let (e1, e2) = (sub(vertices[1], vertices[0]), sub(vertices[2], vertices[0]));
-    let n = cross(e1, e2);
-    let along = dot(n, ray.direction);
-    if along == 0.0 && (weights == [0.0; 3] || n == [0.0; 3]) {
+    if plane.along == 0.0 && (weights == [0.0; 3] || plane.normal == [0.0; 3]) {
         return None;
     }
-    // Written so that NaN, from products beyond f64's range, is clamped too.
-    let upright = along.abs() > GRAZING * (norm1(e1) * norm1(e2));
-    Some(if upright {
-        dot(n, sub(vertices[0], ray.origin)) / along
+    Some(if plane.is_upright() {
+        plane.t()
     } else {
         clamp_to_triangle(ray, vertices, grazing_t(ray, vertices), aside)
     })
@@ -209,7 +241,7 @@ pub fn barycentrics(ray: &Prepared, vertices: &[[f64; 3]; 3], hit: &TriangleHit)
 
 #[cfg(test)]
 mod tests {
-    use super::super::{NONE, Ray};
+    use super::super::{NONE, Numbers, Ray};
     use super::*;
     use glam::DVec3;
 
@@ -283,11 +315,8 @@ mod tests {
     #[test]
     fn no_ray_slips_through_what_it_sees_edge_on() {
         // A plate, a riser in whose plane the ray runs, and a plate that goes on at its other end: seen along the riser the two plates touch.
-        let mut state = 1u64;
-        let mut whole = |below: u64| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            ((state >> 33) % below) as f64 - ((below - 1) / 2) as f64
-        };
+        let mut numbers = Numbers(1);
+        let mut whole = |below: u64| ((numbers.bits() >> 33) % below) as f64 - ((below - 1) / 2) as f64;
         let (mut edge_on, mut leaks) = (0, Vec::new());
         for case in 0..200_000 {
             let mut point = |below| [whole(below), whole(below), whole(below)];
@@ -361,11 +390,8 @@ mod tests {
     #[test]
     fn hits_of_needles_lie_beside_them() {
         // Slivers of every thinness, seen nearly edge-on from anywhere in or near their plane.
-        let mut state = 1u64;
-        let mut unit = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 11) as f64 / 9_007_199_254_740_992.0
-        };
+        let mut numbers = Numbers(1);
+        let mut unit = || numbers.unit();
         let (mut hits, mut grazing) = (0, 0);
         for case in 0..400_000 {
             let mut point = || DVec3::new(unit() - 0.5, unit() - 0.5, unit() - 0.5);

@@ -64,7 +64,8 @@ pub const FIRST_GUEST: u32 = 1 << 31;
 /// Whether a primitive that a ray starts on is a guest.
 #[inline(always)]
 pub fn is_guest(start: u32) -> bool {
-    start >= FIRST_GUEST && start != NONE
+    // No short circuit: it is asked of many rays side by side.
+    (start >= FIRST_GUEST) & (start != NONE)
 }
 
 /// All primitives of a scene in stored space, in memory or in the file that they were converted to.

@@ -6,8 +6,8 @@ use super::tree::{Block, SPHERE_CANDIDATE, WIDTH};
 use crate::accel::tester::Tester;
 use crate::geometry::record::Answer;
 use crate::geometry::start::RADIUS;
-use crate::geometry::triangle::GRAZING;
-use crate::geometry::{NONE, cross, dot, norm_max, norm1, sub};
+use crate::geometry::triangle::Plane;
+use crate::geometry::{NONE, norm_max};
 use crate::scene::mesh::is_guest;
 
 impl Bundle {
@@ -73,7 +73,7 @@ impl Bundle {
 
     /// Which of these triangles aren't surely met beyond all that counts. A shadow ray ends just before the lamp it goes to: it needs no more than this to pass it.
     ///
-    /// t is that of `triangle::intersect`, operation by operation, wherever the plane is neither grazed nor so near to the origin that a start on a surface matters.
+    /// t is that of `triangle::intersect` wherever the plane is neither grazed nor so near to the origin that a start on a surface matters.
     fn not_beyond(&self, extent: f64, lane: usize, block: &Block, mut open: u32) -> u32 {
         let exact = &self.exact;
         let t_best = self.t_best(lane);
@@ -88,12 +88,8 @@ impl Bundle {
         while left != 0 {
             let k = left.trailing_zeros() as usize;
             left &= left - 1;
-            let [a, b, c] = corners(block, k);
-            let (e1, e2) = (sub(b, a), sub(c, a));
-            let n = cross(e1, e2);
-            let (along, height) = (dot(n, direction), dot(n, sub(a, origin)));
-            let size = norm1(e1) * norm1(e2);
-            if along.abs() > GRAZING * size && height.abs() > radius * size && height / along > t_best {
+            let plane = Plane::seen(origin, direction, &corners(block, k));
+            if plane.is_upright() && plane.height.abs() > radius * plane.size && plane.t() > t_best {
                 open &= !(1 << k);
             }
         }

@@ -9,7 +9,7 @@ use crate::geometry::NONE;
 use crate::geometry::record::Answer;
 use crate::geometry::start::RADIUS;
 use crate::geometry::triangle::GRAZING;
-use crate::scene::mesh::FIRST_GUEST;
+use crate::scene::mesh::is_guest;
 
 /// The candidates' triangles and what becomes of them.
 #[repr(C, align(64))]
@@ -156,8 +156,7 @@ impl Decisions {
             let negative = (u < -doubt_u) & (v < -doubt_v) & (w < -doubt_w);
             let upright = along.abs() > GRAZING * size;
             let clear = height.abs() > radius * size;
-            let start = bundle.start[lane];
-            let is_ours = (start < FIRST_GUEST) | (start == NONE);
+            let is_ours = !is_guest(bundle.start[lane]);
             let finite = (sum.abs() < f64::INFINITY) & (exact.moved[lane] == 0.0) & is_ours;
             self.is_plain[lane] = u64::from((positive | negative) & upright & clear & finite);
         }
