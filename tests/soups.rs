@@ -51,7 +51,7 @@ proptest! {
         let subject = Subject { shape: "soup".into(), place: String::new(), body };
         let build = if seed % 2 == 0 { BuildPreset::Balanced } else { BuildPreset::Best };
         let plan = Plan { rays: 88, seed, accels: ACCELS.to_vec(), build };
-        let tally = stress::run(&subject, 0, plan.rays, &plan, 0, 1).expect("it has triangles");
+        let tally = stress::run(&subject, 0, plan.rays, &plan, 0, 1, |_| ()).expect("it has triangles");
         prop_assert_eq!(tally.wrong(), 0, "ray {:?}: {} leaks, {} misses, {} skipped, {} false, {} self, {} differ", tally.first_wrong, tally.leaks, tally.misses, tally.skipped, tally.false_hits, tally.self_hits, tally.differ);
     }
 

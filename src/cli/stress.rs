@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::print;
+use super::{note, print};
 use crate::cluster::share::{self, Share};
 use crate::cluster::{Comm, threads, wire};
 use crate::error::{Error, Result};
@@ -18,6 +18,7 @@ use crate::lab::meshes::Body;
 use crate::lab::stress::{self, Plan, Subject};
 use crate::lab::tally::{Spread, Tally};
 use crate::output::file;
+use crate::output::progress::ProgressKind;
 use crate::scene::load;
 use crate::settings::{AccelKind, BuildPreset};
 
@@ -50,6 +51,9 @@ pub struct Args {
     /// Write the table as JSON, of the stress test for every mesh in every place
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// How a long run shows what is done, on standard error; where an answer is wrong it is said at once
+    #[arg(long, value_name = "KIND", default_value = "auto")]
+    progress: ProgressKind,
     /// Threads of each rank [env: HELIOSTAT_THREADS, each rank's own] [default: the processors, divided among the ranks that share them]
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -90,14 +94,25 @@ pub fn run(comm: &dyn Comm, args: Option<Args>) -> Result<()> {
     let mut subjects = if generate { stress::generated() } else { Vec::new() };
     subjects.append(&mut read);
 
-    // Every rank traces its part of each.
+    // Every rank traces its part of each; rank 0 shows how far it is.
     let (rank, size) = (comm.rank(), comm.size());
+    let progress = args.as_ref().map_or(ProgressKind::None, |args| args.progress).start();
+    progress.begin(plan.rays / size as u64);
     let mut tallies = Vec::with_capacity(subjects.len());
     for (number, subject) in subjects.iter().enumerate() {
         let rays = plan.rays_of(number, subjects.len());
-        let traced = || stress::run(subject, number, rays, &plan, rank, size);
-        tallies.push(pool.install(traced)?);
+        let traced = || stress::run(subject, number, rays, &plan, rank, size, |rays| progress.advance(rays));
+        let tally = pool.install(traced)?;
+        if let Some(first) = tally.first_wrong {
+            let Subject { shape, place, .. } = subject;
+            note(format_args!(
+                "heliostat: {} wrong answers for {shape} {place}, first ray {first}",
+                tally.wrong()
+            ));
+        }
+        tallies.push(tally);
     }
+    progress.end();
 
     // Rank 0 adds up and says.
     let gathered = comm.gather(&wire::encode(&tallies)?);

@@ -1,15 +1,73 @@
-//! Exact numbers of the form m 2^e: every f64 is one, and so are their sums, differences and products. Slow, plain, and
-//! never rounded. Knows no geometry.
+//! Exact numbers of the form m 2^e: every f64 is one, and so are their sums, differences and products. Plain and never
+//! rounded. Knows no geometry.
 
+use std::borrow::Cow;
 use std::cmp::Ordering;
 
+use ethnum::I256;
 use num_bigint::{BigInt, Sign};
 
 /// m 2^e with an integer m of any length.
 #[derive(Clone, Debug, Default)]
 pub struct Dyadic {
-    mantissa: BigInt,
+    mantissa: Mantissa,
     exponent: i32,
+}
+
+/// An integer of any length, without an allocation as long as it is short. Equal numbers may be held either way.
+#[derive(Clone, Debug)]
+enum Mantissa {
+    Short(I256),
+    Long(BigInt),
+}
+
+impl Default for Mantissa {
+    fn default() -> Self {
+        Mantissa::Short(I256::ZERO)
+    }
+}
+
+impl Mantissa {
+    fn long(&self) -> Cow<'_, BigInt> {
+        match self {
+            Mantissa::Short(short) => Cow::Owned(BigInt::from_signed_bytes_le(&short.to_le_bytes())),
+            Mantissa::Long(long) => Cow::Borrowed(long),
+        }
+    }
+
+    /// The result of the short form if both are short and it has one, else of the long form.
+    fn combine(
+        &self,
+        other: &Mantissa,
+        short: impl Fn(I256, I256) -> Option<I256>,
+        long: impl Fn(&BigInt, &BigInt) -> BigInt,
+    ) -> Mantissa {
+        if let (Mantissa::Short(a), Mantissa::Short(b)) = (self, other)
+            && let Some(result) = short(*a, *b)
+        {
+            return Mantissa::Short(result);
+        }
+        Mantissa::Long(long(&self.long(), &other.long()))
+    }
+
+    /// This times 2^up.
+    fn shifted(&self, up: u32) -> Mantissa {
+        match self {
+            Mantissa::Short(I256::ZERO) => Mantissa::Short(I256::ZERO),
+            Mantissa::Short(short) if short_bits(*short) + up < I256::BITS => Mantissa::Short(short << up),
+            _ => Mantissa::Long(&*self.long() << up),
+        }
+    }
+}
+
+/// Digits of the magnitude.
+fn short_bits(short: I256) -> u32 {
+    I256::BITS - short.unsigned_abs().leading_zeros()
+}
+
+/// Unless it may not fit.
+fn short_product(a: I256, b: I256) -> Option<I256> {
+    (short_bits(a) + short_bits(b) < I256::BITS).then(|| a.wrapping_mul(b))
 }
 
 /// A point or direction of exact numbers.
@@ -30,41 +88,51 @@ impl Dyadic {
         let spare = mantissa.trailing_zeros();
         let signed = (mantissa >> spare) as i64;
         Dyadic {
-            mantissa: BigInt::from(if value < 0.0 { -signed } else { signed }),
+            mantissa: Mantissa::Short(I256::from(if value < 0.0 { -signed } else { signed })),
             exponent: exponent + spare as i32,
         }
     }
 
     pub fn plus(&self, other: &Dyadic) -> Dyadic {
-        self.combine(other, |a, b| a + b)
+        self.combine(other, I256::checked_add, |a, b| a + b)
     }
 
     pub fn minus(&self, other: &Dyadic) -> Dyadic {
-        self.combine(other, |a, b| a - b)
+        self.combine(other, I256::checked_sub, |a, b| a - b)
     }
 
     pub fn times(&self, other: &Dyadic) -> Dyadic {
-        Dyadic { mantissa: &self.mantissa * &other.mantissa, exponent: self.exponent + other.exponent }
+        let mantissa = self.mantissa.combine(&other.mantissa, short_product, |a, b| a * b);
+        Dyadic { mantissa, exponent: self.exponent + other.exponent }
     }
 
     /// -1, 0 or 1.
     pub fn sign(&self) -> i32 {
-        match self.mantissa.sign() {
-            Sign::Minus => -1,
-            Sign::NoSign => 0,
-            Sign::Plus => 1,
+        match &self.mantissa {
+            Mantissa::Short(short) => short.signum128() as i32,
+            Mantissa::Long(long) => match long.sign() {
+                Sign::Minus => -1,
+                Sign::NoSign => 0,
+                Sign::Plus => 1,
+            },
         }
     }
 
     /// Brings both to the lower exponent, then combines the mantissas.
-    fn combine(&self, other: &Dyadic, with: impl Fn(&BigInt, &BigInt) -> BigInt) -> Dyadic {
+    fn combine(
+        &self,
+        other: &Dyadic,
+        short: impl Fn(I256, I256) -> Option<I256>,
+        long: impl Fn(&BigInt, &BigInt) -> BigInt,
+    ) -> Dyadic {
         let (a, b) = (&self.mantissa, &other.mantissa);
-        let down = i64::from(self.exponent) - i64::from(other.exponent);
-        match down.cmp(&0) {
-            Ordering::Equal => Dyadic { mantissa: with(a, b), exponent: self.exponent },
-            Ordering::Greater => Dyadic { mantissa: with(&(a << down), b), exponent: other.exponent },
-            Ordering::Less => Dyadic { mantissa: with(a, &(b << -down)), exponent: self.exponent },
-        }
+        let apart = self.exponent.abs_diff(other.exponent);
+        let mantissa = match self.exponent.cmp(&other.exponent) {
+            Ordering::Equal => a.combine(b, short, long),
+            Ordering::Greater => a.shifted(apart).combine(b, short, long),
+            Ordering::Less => a.combine(&b.shifted(apart), short, long),
+        };
+        Dyadic { mantissa, exponent: self.exponent.min(other.exponent) }
     }
 
     /// The nearest f64, off by at most 2^-52 of it; infinite or 0 beyond its range.
@@ -89,9 +157,16 @@ pub fn ratio(a: &Dyadic, b: &Dyadic) -> f64 {
 
 /// The leading 63 bits as f64, and the power of two that they count.
 fn top(value: &Dyadic) -> (f64, i64) {
-    let bits = value.mantissa.bits() as i64;
-    let shift = (bits - 63).max(0);
-    let leading = i64::try_from(&value.mantissa >> shift).expect("63 bits fit");
+    let (leading, shift) = match &value.mantissa {
+        Mantissa::Short(short) => {
+            let shift = short_bits(*short).saturating_sub(63);
+            ((short >> shift).as_i64(), i64::from(shift))
+        }
+        Mantissa::Long(long) => {
+            let shift = (long.bits() as i64 - 63).max(0);
+            (i64::try_from(long >> shift).expect("63 bits fit"), shift)
+        }
+    };
     (leading as f64, shift + i64::from(value.exponent))
 }
 
@@ -144,6 +219,38 @@ mod tests {
         assert!(ratio(&Dyadic::new(1.0), &Dyadic::default()).is_nan());
         let third = ratio(&Dyadic::new(1.0), &Dyadic::new(3.0));
         assert!((third - 1.0 / 3.0).abs() <= f64::EPSILON / 4.0);
+    }
+
+    #[test]
+    fn short_and_long_integers_say_the_same() {
+        // Mantissas around every length at which the short form runs out, in either form.
+        let powers = [1u32, 50, 62, 63, 64, 65, 126, 127, 128, 190, 192, 250, 253, 254];
+        let near = |power: u32| [-1i8, 0, 1].map(|off| (I256::ONE << power) + I256::from(off));
+        let edges = [I256::ZERO, I256::MAX];
+        let mut shorts: Vec<I256> = powers.into_iter().flat_map(near).chain(edges).collect();
+        shorts.extend(shorts.clone().into_iter().map(|short| -short));
+        shorts.push(I256::MIN);
+        let number = |mantissa, exponent| Dyadic { mantissa, exponent };
+        let same = |short: &Dyadic, long: &Dyadic| {
+            assert!(matches!(long.mantissa, Mantissa::Long(_)));
+            assert_eq!(short.mantissa.long(), long.mantissa.long(), "{short:?} {long:?}");
+            assert_eq!((short.exponent, short.sign()), (long.exponent, long.sign()));
+            assert_eq!(short.approximate().to_bits(), long.approximate().to_bits(), "{short:?}");
+        };
+        for &a in &shorts {
+            for &b in &shorts {
+                for exponents in [[0, 0], [0, 1], [3, -60], [-70, 58], [-1074, 971]] {
+                    let short = [a, b].map(Mantissa::Short);
+                    let long = short.clone().map(|m| Mantissa::Long(m.long().into_owned()));
+                    let [a, b] = std::array::from_fn(|k| number(short[k].clone(), exponents[k]));
+                    let [c, d] = std::array::from_fn(|k| number(long[k].clone(), exponents[k]));
+                    same(&a.plus(&b), &c.plus(&d));
+                    same(&a.minus(&b), &c.minus(&d));
+                    same(&a.times(&b), &c.times(&d));
+                    assert_eq!(ratio(&a, &b).to_bits(), ratio(&c, &d).to_bits());
+                }
+            }
+        }
     }
 
     #[test]

@@ -225,7 +225,8 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// Traces a body's rays, this rank's share of them. Runs on the current rayon pool.
+/// Traces a body's rays, this rank's share of them. Runs on the current rayon pool and tells `done` how many rays more it has
+/// judged.
 ///
 /// # Errors
 /// As [`Bench::new`].
@@ -236,6 +237,7 @@ pub fn run(
     plan: &Plan,
     rank: usize,
     size: usize,
+    done: impl Fn(u64) + Sync,
 ) -> Result<Tally> {
     if rays == 0 {
         return Ok(Tally::default());
@@ -262,7 +264,9 @@ pub fn run(
         .filter(|chunk| chunk % size as u64 == rank as u64)
         .map(|chunk| {
             let indices = chunk * CHUNK..rays.min((chunk + 1) * CHUNK);
-            bench.run(&tracers, plan.seed, number as u64, indices)
+            let tally = bench.run(&tracers, plan.seed, number as u64, indices);
+            done(tally.rays);
+            tally
         })
         .reduce(Tally::default, |mut sum, part| {
             sum.merge(&part);
@@ -318,6 +322,8 @@ fn check_frame(name: &str, scene: &Scene, body: &Body) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
     use super::*;
 
     fn subject(shape: &str, place: &str) -> Subject {
@@ -421,15 +427,18 @@ mod tests {
         for subject in
             [subject("saddles", "as it is"), subject("dust", "scaled 1e-6"), subject("box", "moved 1e4")]
         {
-            let whole = run(&subject, 3, plan.rays, &plan, 0, 1).unwrap();
+            let whole = run(&subject, 3, plan.rays, &plan, 0, 1, |_| ()).unwrap();
             assert_eq!(whole.rays, plan.rays);
             assert_eq!(whole.wrong(), 0, "{} {}: {whole:?}", subject.shape, subject.place);
             assert!(whole.ulps.quantile(0.999) <= 1.0, "{whole:?}");
             let mut parts = Tally::default();
+            let counted = AtomicU64::new(0);
             for rank in 0..3 {
-                parts.merge(&run(&subject, 3, plan.rays, &plan, rank, 3).unwrap());
+                let count = |rays| _ = counted.fetch_add(rays, Relaxed);
+                parts.merge(&run(&subject, 3, plan.rays, &plan, rank, 3, count).unwrap());
             }
             assert_eq!(parts, whole);
+            assert_eq!(counted.into_inner(), whole.rays);
         }
     }
 }
