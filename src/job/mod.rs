@@ -17,6 +17,7 @@ use crate::image::Image;
 use crate::output::progress::{Progress, ProgressKind};
 use crate::output::stats::{self, RankStats};
 use crate::output::timeline::{Event, Timeline};
+use crate::render::allotment;
 use crate::render::estimate::{ErrorReached, Estimate, Spread};
 use crate::render::features::Features;
 use crate::render::film::Film;
@@ -91,6 +92,7 @@ pub fn render_by(
         if features { estimate.with_features() } else { estimate }
     });
     let mut activity = Activity::all(&work.image);
+    let mut worth = None;
     let mut complete = true;
     let divided = (work.run.within == Within::Triangles).then(|| divide(crew, work, stats));
     let mut costs = Vec::new();
@@ -110,7 +112,18 @@ pub fn render_by(
         // Rank 0 alone has the whole film, and the clock that counts.
         let decision = computed(crew.comm, || {
             let Some(estimate) = &estimate else { return Ok((Activity::default(), false)) };
-            let wanting = error_target.map(|target| estimate.wanting(&work.image, target, &activity));
+            let wanting =
+                error_target.filter(|_| next.first >= rounds::first_look(&work.image)).map(|target| {
+                    // The first look is at the whole image; then what is asked for goes on.
+                    let (worth, before) = match worth {
+                        Some(worth) => (worth, activity.clone()),
+                        None => {
+                            let found = allotment::worth(estimate, target);
+                            (*worth.insert(found), Activity::asked(&work.image))
+                        }
+                    };
+                    allotment::wanting(estimate, &work.image, target.metric, worth, &before)
+                });
             // The next round takes about as long as all before, in proportion to its samples.
             let expected = begin.elapsed().mul_f64(1.0 + f64::from(next.count) / f64::from(next.first));
             Ok((wanting.unwrap_or_else(|| activity.clone()), limit.is_some_and(|limit| expected > limit)))

@@ -7,15 +7,15 @@ use serde::Serialize;
 
 use super::features::{Features, PLANES};
 use super::film::{Cell, Film};
-use super::rounds::{Activity, BLOCK, Round};
+use super::rounds::Round;
 use crate::image::Image;
 use crate::scene::Frame;
-use crate::settings::{Crop, ErrorMetric, ErrorTarget, ImageSettings};
+use crate::settings::{Crop, ErrorMetric};
 
 /// The film of all rounds so far.
 #[derive(Clone, Debug)]
 pub struct Estimate {
-    area: Crop,
+    pub(super) area: Crop,
     /// Of the filter: 1 or 2.
     planes: usize,
     /// See `FilterTable::negative_mass`.
@@ -51,8 +51,6 @@ pub struct Spread {
     pub freedom: Vec<f32>,
 }
 
-/// A pixel that has less than this part of the allowed error is left alone though its block isn't good enough.
-const PART: f64 = 0.25;
 /// The quantile of 95 % of a normal distribution.
 const QUANTILE: f64 = 1.645;
 /// Keeps relMSE finite in black pixels.
@@ -60,12 +58,20 @@ pub const RELATIVE_EPSILON: f64 = 1e-2;
 
 /// A pixel's mean and the variance of that.
 #[derive(Clone, Copy, Debug)]
-struct Pixel {
+pub(super) struct Pixel {
     mean: [f64; 3],
     variance: [f64; 3],
     /// See [`Spread::freedom`].
     freedom: f64,
-    samples: u64,
+    pub samples: u64,
+}
+
+impl Pixel {
+    /// The squared error that is expected of the mean, as the metric counts it.
+    pub fn error(&self, metric: ErrorMetric) -> f64 {
+        let weighted = |k: usize| weight(metric, self.mean[k]) * self.variance[k];
+        (weighted(0) + weighted(1) + weighted(2)) / 3.0
+    }
 }
 
 impl Estimate {
@@ -117,7 +123,7 @@ impl Estimate {
         }
     }
 
-    fn pixel(&self, pixel: usize) -> Pixel {
+    pub(super) fn pixel(&self, pixel: usize) -> Pixel {
         let mut found = Pixel { mean: [0.0; 3], variance: [0.0; 3], freedom: 0.0, samples: 0 };
         let mut known = [(0.0, 0.0); 2];
         let both = self.planes == 2 && (0..2).all(|plane| self.cells[pixel * 2 + plane].count > 0);
@@ -185,70 +191,30 @@ impl Estimate {
         Some(features)
     }
 
-    fn place(&self, x: u32, y: u32) -> usize {
+    pub(super) fn place(&self, x: u32, y: u32) -> usize {
         (y - self.area.y0) as usize * self.area.width() as usize + (x - self.area.x0) as usize
     }
 
-    /// The pixels that need more samples: of blocks whose error isn't yet what it shall be those that have a part in it, with their neighbours, which may have missed what these
-    /// have met. A block that was good enough once stays as it is.
-    pub fn wanting(&self, settings: &ImageSettings, target: ErrorTarget, before: &Activity) -> Activity {
-        let Crop { x0, y0, x1, y1 } = self.area;
-        let goal = match target.metric {
-            ErrorMetric::Relmse => target.value,
-            ErrorMetric::Rmse | ErrorMetric::Display => target.value * target.value,
-        };
-        let mut wanting = Activity::none(settings, self.area);
-        let mut errors = [[0.0; BLOCK as usize]; BLOCK as usize];
-        for top in (y0..y1).step_by(BLOCK as usize) {
-            for left in (x0..x1).step_by(BLOCK as usize) {
-                let (columns, rows) = ((x1 - left).min(BLOCK) as usize, (y1 - top).min(BLOCK) as usize);
-                let (mut sum, mut active) = (0.0, false);
-                for row in 0..rows {
-                    for column in 0..columns {
-                        let (x, y) = (left + column as u32, top + row as u32);
-                        let Pixel { mean, variance, .. } = self.pixel(self.place(x, y));
-                        let weighted = |k: usize| weight(target.metric, mean[k]) * variance[k];
-                        errors[row][column] = (weighted(0) + weighted(1) + weighted(2)) / 3.0;
-                        sum += errors[row][column];
-                        active |= before.holds(y * settings.width + x);
-                    }
-                }
-                if !active || sum <= goal * (rows * columns) as f64 {
-                    continue;
-                }
-                for row in 0..rows {
-                    for column in 0..columns {
-                        let around = |at: usize, most: usize| at.saturating_sub(1)..(at + 2).min(most);
-                        let mut worst = around(row, rows)
-                            .flat_map(|row| around(column, columns).map(move |column| (row, column)))
-                            .map(|(row, column)| errors[row][column]);
-                        if worst.any(|error| error > goal * PART) {
-                            wanting.add(left + column as u32, top + row as u32);
-                        }
-                    }
-                }
-            }
-        }
-        wanting
-    }
-
-    /// What the samples say of the error of the asked-for part; `None` where variances aren't known.
+    /// What the samples say of the error of the asked-for part; `None` where variances aren't known: of single samples they aren't.
     pub fn error(&self, crop: Crop) -> Option<ErrorReached> {
         if self.squares.is_empty() {
             return None;
         }
-        let (mut samples, mut pixels) = (0.0, 0.0);
+        let (mut samples, mut pixels, mut known) = (0.0, 0.0, false);
         let mut sums = [Moments::default(); 2];
         for y in crop.y0..crop.y1 {
             for x in crop.x0..crop.x1 {
-                let Pixel { mean, variance, samples: taken, .. } = self.pixel(self.place(x, y));
-                samples += taken as f64;
+                let pixel = self.pixel(self.place(x, y));
+                samples += pixel.samples as f64;
                 pixels += 1.0;
+                known |= pixel.freedom > 0.0;
                 for (sums, metric) in sums.iter_mut().zip([ErrorMetric::Rmse, ErrorMetric::Relmse]) {
-                    let weighted: [f64; 3] = std::array::from_fn(|k| weight(metric, mean[k]) * variance[k]);
-                    sums.add((weighted[0] + weighted[1] + weighted[2]) / 3.0);
+                    sums.add(pixel.error(metric));
                 }
             }
+        }
+        if !known {
+            return None;
         }
         let [(mse, most), (rel_mse, rel_most)] = sums.map(|sums| sums.estimate());
         Some(ErrorReached {
@@ -303,20 +269,21 @@ impl Moments {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use glam::DVec3;
 
     use super::super::film::TileFilm;
     use super::super::tile::Tile;
     use super::*;
     use crate::geometry::record::RayRecord;
+    use crate::settings::ImageSettings;
 
-    /// A round of an image of 16 x 8 pixels, its right half noisy.
-    fn film(round: &Round, noise: impl Fn(u32, u32) -> f64) -> Film {
+    /// These pixels' samples of a round of an image of 16 x 8 pixels.
+    pub fn film(round: &Round, holds: impl Fn(u32) -> bool, noise: impl Fn(u32, u32) -> f64) -> Film {
         let area = Crop { x0: 0, y0: 0, x1: 16, y1: 8 };
         let tile = Tile { x0: 0, y0: 0, x1: 16, y1: 8 };
         let mut part = TileFilm::new(tile, 16, round.batches as usize);
-        for pixel in 0..128 {
+        for pixel in (0..128).filter(|&pixel| holds(pixel)) {
             for sample in round.first..round.first + round.count {
                 let record =
                     RayRecord::camera(DVec3::ZERO, DVec3::X, pixel, sample, round.batch(sample) as u8);
@@ -330,7 +297,7 @@ mod tests {
     }
 
     /// A number in [0, 1).
-    fn dice(pixel: u32, sample: u32) -> f64 {
+    pub fn dice(pixel: u32, sample: u32) -> f64 {
         let mut z = (u64::from(pixel) << 32 | u64::from(sample)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -347,7 +314,7 @@ mod tests {
         ];
         let mut estimate = Estimate::new(settings.crop, 1, 0.0).with_variances();
         for round in &rounds {
-            estimate.absorb(film(round, |pixel, sample| 2.0 + dice(pixel, sample)), round);
+            estimate.absorb(film(round, |_| true, |pixel, sample| 2.0 + dice(pixel, sample)), round);
         }
         let (image, spread) = estimate.resolve(settings.crop, 0.0);
         let Spread { variance, freedom } = spread.unwrap();
@@ -369,40 +336,5 @@ mod tests {
             / 128.0;
         assert!(truth.sqrt() < error.rmse_at_most && error.rmse_at_most < 1.3 * error.rmse);
         assert!((error.rel_mse / (mean / 6.26) - 1.0).abs() < 0.05);
-    }
-
-    #[test]
-    fn blocks_that_are_good_enough_are_left_alone() {
-        let settings = ImageSettings::sized(16, 8);
-        let round = Round { first: 0, count: 16, batches: 8 };
-        let mut estimate = Estimate::new(settings.crop, 1, 0.0).with_variances();
-        let noise = |pixel: u32, sample| if pixel % 16 < 8 { 0.5 } else { dice(pixel, sample) };
-        estimate.absorb(film(&round, noise), &round);
-        let target = |value| ErrorTarget { metric: ErrorMetric::Rmse, value };
-        let all = Activity::all(&settings);
-        // √(1/12 / 16) = 0.072.
-        let wanting = estimate.wanting(&settings, target(0.06), &all);
-        let right = (0..128).filter(|pixel| pixel % 16 >= 8).all(|pixel| wanting.holds(pixel));
-        assert!(right && (0..128).filter(|pixel| pixel % 16 < 8).all(|pixel| !wanting.holds(pixel)));
-        assert!(estimate.wanting(&settings, target(0.09), &all).is_over());
-        // What was good enough once isn't looked at again.
-        let none = Activity::none(&settings, settings.crop);
-        assert!(estimate.wanting(&settings, target(0.001), &none).is_over());
-    }
-
-    #[test]
-    fn pixels_without_error_are_left_alone_but_for_neighbours_of_others() {
-        let settings = ImageSettings::sized(16, 8);
-        let round = Round { first: 0, count: 16, batches: 8 };
-        let mut estimate = Estimate::new(settings.crop, 1, 0.0).with_variances();
-        // One noisy pixel, (10, 0).
-        estimate.absorb(
-            film(&round, |pixel, sample| if pixel == 10 { dice(pixel, sample) } else { 0.5 }),
-            &round,
-        );
-        let target = ErrorTarget { metric: ErrorMetric::Rmse, value: 0.001 };
-        let wanting = estimate.wanting(&settings, target, &Activity::all(&settings));
-        let held: Vec<u32> = (0..128).filter(|&pixel| wanting.holds(pixel)).collect();
-        assert_eq!(held, [9, 10, 11, 25, 26, 27]);
     }
 }

@@ -1,5 +1,6 @@
 //! One rank's work: tiles of camera rays traced to their end, and the film that they deposit in.
 
+pub mod allotment;
 pub mod cost;
 pub mod division;
 pub mod estimate;

@@ -37,7 +37,7 @@ impl Round {
 
 /// Samples of each pixel before the error is looked at for the first time. Edges of surfaces and shadows show early; paths may find a light by rare
 /// chance, and who stops before is wrong.
-fn first_look(settings: &ImageSettings) -> u32 {
+pub fn first_look(settings: &ImageSettings) -> u32 {
     match settings.integrator {
         Integrator::Whitted => 4,
         Integrator::Path => 16,
@@ -69,12 +69,17 @@ pub fn schedule(settings: &ImageSettings, timed: bool) -> Vec<Round> {
     rounds
 }
 
-/// The part of the image that is sampled: what is asked for, and where blocks decide the rest of those that it touches.
+/// The part of the image that is sampled: what is asked for, or, where the image's error decides, all of it in the first round.
 pub fn area(settings: &ImageSettings) -> Crop {
-    let Crop { x0, y0, x1, y1 } = settings.crop;
     if settings.error_target.is_none() {
         return settings.crop;
     }
+    Crop { x0: 0, y0: 0, x1: settings.width, y1: settings.height }
+}
+
+/// What is asked for with the rest of the blocks that it touches.
+pub fn touched(settings: &ImageSettings) -> Crop {
+    let Crop { x0, y0, x1, y1 } = settings.crop;
     let down = |x: u32| x / BLOCK * BLOCK;
     let up = |x: u32, most: u32| x.div_ceil(BLOCK).saturating_mul(BLOCK).min(most);
     Crop { x0: down(x0), y0: down(y0), x1: up(x1, settings.width), y1: up(y1, settings.height) }
@@ -94,6 +99,14 @@ impl Activity {
     /// All pixels of an image.
     pub fn all(settings: &ImageSettings) -> Self {
         Activity { width: settings.width, ..Activity::default() }
+    }
+
+    /// The pixels of the blocks that are asked for.
+    pub fn asked(settings: &ImageSettings) -> Self {
+        let Crop { x0, y0, x1, y1 } = touched(settings);
+        let mut activity = Activity::none(settings, area(settings));
+        (y0..y1).for_each(|y| (x0..x1).for_each(|x| activity.add(x, y)));
+        activity
     }
 
     /// No pixels yet, of a part of the image.
@@ -165,8 +178,9 @@ mod tests {
     fn blocks_are_those_of_the_image() {
         let mut settings = settings(16);
         settings.crop = Crop { x0: 9, y0: 8, x1: 49, y1: 9 };
-        assert_eq!(area(&settings), Crop { x0: 8, y0: 8, x1: 50, y1: 16 });
-        let mut activity = Activity::none(&settings, area(&settings));
+        assert_eq!(touched(&settings), Crop { x0: 8, y0: 8, x1: 50, y1: 16 });
+        assert_eq!(area(&settings), Crop { x0: 0, y0: 0, x1: 50, y1: 30 });
+        let mut activity = Activity::none(&settings, touched(&settings));
         assert!(activity.is_over() && !Activity::all(&settings).is_over());
         activity.add(8, 8);
         activity.add(49, 15);

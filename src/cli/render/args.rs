@@ -34,7 +34,7 @@ pub struct Args {
     /// Samples per pixel; 1 goes through the pixel's centre [default: the scene's, else 1]
     #[arg(long, value_name = "N", env = "HELIOSTAT_SPP", value_parser = clap::value_parser!(u32).range(1..=65536), help_heading = "Image")]
     pub(super) spp: Option<u32>,
-    /// Sample each part of the image only until its error is below this; --spp is the most samples then [default: 65536]
+    /// Sample until the image's error is below this, most where that takes most of it away; --spp is the most samples then [default: 65536]
     #[arg(long, value_name = "E", env = "HELIOSTAT_ERROR_TARGET", value_parser = positive, help_heading = "Image")]
     pub(super) error_target: Option<f64>,
     /// What --error-target measures: root mean square error, relative mean square error, or root mean square error of sRGB display values
