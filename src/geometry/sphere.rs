@@ -8,11 +8,17 @@ use super::{Prepared, dot};
 /// Both crossings (t near <= t far) of the line with the sphere, in units of the scaled direction.
 #[inline]
 pub fn intersect(ray: &Prepared, center: [f64; 3], radius: f64) -> Option<[f64; 2]> {
-    let d = ray.direction;
-    let f = super::sub(ray.origin, center);
+    crossings(ray.origin, ray.direction, center, radius)
+}
+
+/// The same for a line that has only these.
+#[inline(always)]
+pub fn crossings(origin: [f64; 3], d: [f64; 3], center: [f64; 3], radius: f64) -> Option<[f64; 2]> {
+    let f = super::sub(origin, center);
     let a = dot(d, d);
     let b = -dot(f, d);
-    let nearest: [f64; 3] = std::array::from_fn(|axis| f[axis] + (b / a) * d[axis]);
+    let shift = b / a;
+    let nearest = [f[0] + shift * d[0], f[1] + shift * d[1], f[2] + shift * d[2]];
     let discriminant = radius * radius - dot(nearest, nearest);
     if discriminant < 0.0 {
         return None;

@@ -88,11 +88,13 @@ fn scatter(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut
 
     let frame = Frame::at(&hit, direction);
     let bsdf = Bsdf::new(hit.material, hit.diffuse_tint, hit.entering);
+    // Both sets at once: neither waits for the other.
     let numbers = transport.sampler.bounce(record, Purpose::Light);
+    let onward = transport.sampler.bounce(record, Purpose::Bsdf);
     if bsdf.is_smooth() {
         light(transport, record, &hit, &frame, &bsdf, numbers, out);
     }
-    go_on(transport, record, &hit, &frame, &bsdf, numbers[3], out);
+    go_on(transport, record, &hit, &frame, &bsdf, (onward, numbers[3]), out);
 }
 
 /// Directions in the surface's own terms: z is the normal.
@@ -193,10 +195,9 @@ fn go_on(
     hit: &Interaction,
     frame: &Frame,
     bsdf: &Bsdf,
-    chance_number: f64,
+    ([u, v, lobe, _], chance_number): ([f64; 4], f64),
     out: &mut impl Sink,
 ) {
-    let [u, v, lobe, _] = transport.sampler.bounce(record, Purpose::Bsdf);
     let Some(scattered) = bsdf.sample(frame.wo, [lobe, u, v]) else { return };
     let direction = frame.world(scattered.wi).normalize();
     if !agrees(hit, direction, scattered.wi.z) {

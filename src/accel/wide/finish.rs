@@ -4,12 +4,37 @@
 
 use super::bundle::{Bundle, RAYS, larger, of_axis};
 use super::questions::{Batch, Questions};
-use super::tree::SPHERE_CANDIDATE;
-use crate::geometry::NONE;
+use super::tree::{Block, SPHERE_CANDIDATE};
 use crate::geometry::record::Answer;
 use crate::geometry::start::RADIUS;
 use crate::geometry::triangle::GRAZING;
-use crate::scene::mesh::is_guest;
+use crate::geometry::{NONE, sphere};
+use crate::scene::Surfaces;
+use crate::scene::mesh::{Sphere, is_guest};
+
+/// `sphere::first` of a candidate; `None` where the ray starts on that sphere or one like it, at one of its ends, or was moved.
+#[inline(always)]
+fn plain_sphere(
+    bundle: &Bundle,
+    surfaces: &Surfaces,
+    lane: usize,
+    (block, k): (&Block, usize),
+) -> Option<f64> {
+    let (exact, start) = (&bundle.exact, bundle.start[lane]);
+    let center = [block.corners[0][0][k], block.corners[0][1][k], block.corners[0][2][k]];
+    let radius = block.corners[1][0][k];
+    let starts_on_it = start != NONE
+        && (is_guest(start)
+            || surfaces.sphere_at(start).is_some_and(|own| *own == Sphere { center, radius }));
+    if starts_on_it || exact.moved[lane] != 0.0 {
+        return None;
+    }
+    let of = |vector: &[[f64; RAYS]; 3]| [vector[0][lane], vector[1][lane], vector[2][lane]];
+    let center = [f64::from(center[0]), f64::from(center[1]), f64::from(center[2])];
+    let [near, far] = sphere::crossings(of(&exact.origin), of(&exact.direction), center, f64::from(radius))?;
+    let begin = exact.t_min[lane];
+    if near > begin { Some(near) } else { (near < begin && far > begin).then_some(far) }
+}
 
 /// The candidates' triangles and what becomes of them.
 #[repr(C, align(64))]
@@ -72,17 +97,18 @@ impl Decisions {
                 answers[first + lane] = bundle.answer(batch, lane);
                 continue;
             }
-            let t = self.t[lane];
-            let is_within = t >= f64::from(bundle.low[lane]) && t <= f64::from(bundle.high[lane]);
-            if self.is_plain[lane] == 1 && is_within && candidate & SPHERE_CANDIDATE == 0 {
-                let (block, k) = batch.walked.tree.candidate(candidate);
-                answers[first + lane] = Answer {
-                    t: t * bundle.exact.scale[lane],
-                    u: self.weights[0][lane],
-                    v: self.weights[1][lane],
-                    primitive: block.ids[k],
-                    ..Answer::MISS
-                };
+            let (block, k) = batch.walked.tree.candidate(candidate);
+            let [mut u, mut v] = [0.0; 2];
+            let plain = if candidate & SPHERE_CANDIDATE == 0 {
+                [u, v] = [self.weights[0][lane], self.weights[1][lane]];
+                (self.is_plain[lane] == 1).then_some(self.t[lane])
+            } else {
+                plain_sphere(bundle, batch.walked.surfaces, lane, (block, k))
+            };
+            let is_within = |t: &f64| *t >= f64::from(bundle.low[lane]) && *t <= f64::from(bundle.high[lane]);
+            if let Some(t) = plain.filter(is_within) {
+                let (t, primitive) = (t * bundle.exact.scale[lane], block.ids[k]);
+                answers[first + lane] = Answer { t, u, v, primitive, ..Answer::MISS };
             } else {
                 let mut progress = bundle.progress(lane);
                 bundle.settle(batch, lane, &mut progress);
