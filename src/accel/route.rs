@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
 use super::lattice::{Lattice, Span};
-use crate::geometry::{Prepared, Ray};
+use crate::geometry::{NONE, Prepared, Ray};
 
 /// A block that has nothing, in [`Voxels::owners`].
 pub const NOBODY: u32 = u32::MAX;
@@ -26,8 +26,8 @@ pub struct Voxels {
 /// How rays find the parts of a scene that they may meet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Route {
-    /// By place: a ray visits the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them. Any of them
-    /// answers for what all have; where a ray comes to that first, the rank that made it does.
+    /// By place: a ray visits the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them, but first the rank that made it where it
+    /// starts on a surface. Any of them answers for what all have; where a ray comes to that first, the rank that made it does.
     Voxels(Voxels),
     /// Every ray asks every rank, its own first.
     All,
@@ -93,6 +93,9 @@ impl<'a> Guide<'a> {
             Route::All => in_turn(),
             Route::Voxels(voxels) if voxels.owners.is_empty() => None,
             Route::Voxels(voxels) if !voxels.lattice.serves(ray.origin.to_array()) => in_turn(),
+            // Where it was made there is the surface that it starts on. Whoever else is asked is found out without an order as long as rays carry along whom they have asked.
+            Route::Voxels(_) if hops == 0 && ray.start != NONE && self.ranks <= TOLD => in_turn(),
+            Route::Voxels(_) if hops == 0 && self.elsewhere.is_none() => in_turn(),
             Route::Voxels(voxels) => {
                 let ray = Prepared::new(&Ray { t_max: ray.t_max.min(t_best), ..*ray });
                 let owner = match (hops, self.elsewhere) {
@@ -198,7 +201,6 @@ mod tests {
     use super::*;
     use crate::accel::Accel;
     use crate::accel::partition::Survey;
-    use crate::geometry::NONE;
     use crate::scene::Surfaces;
     use crate::scene::mesh::Sphere;
 
@@ -248,6 +250,7 @@ mod tests {
             far in prop_oneof![Just(1.0), Just(1e3), Just(1e9)],
             copies in prop_oneof![Just(0u64), 1u64..500, Just(u64::MAX)],
             home in 0usize..70,
+            on_a_surface in any::<bool>(),
         ) {
             let survey = Survey::new(&surfaces, ranks);
             let hot = survey.hottest(&vec![1.0; survey.occupied.len()], copies);
@@ -255,6 +258,7 @@ mod tests {
             let home = home % ranks;
             let parts: Vec<Vec<u32>> = (0..ranks).map(|rank| voxels.part(&surfaces, rank)).collect();
             let route = Route::Voxels(voxels);
+            let begun = |ray: &Ray| Ray { start: if on_a_surface { 0 } else { NONE }, ..*ray };
             for (origin, direction) in origins.iter().zip(&directions) {
                 let (inside, along) = (DVec3::from(*origin), DVec3::from(*direction));
                 let from = if far > 1.0 { inside - along * far } else { inside };
@@ -271,7 +275,7 @@ mod tests {
                     });
                     prop_assert_eq!(walked, Some(first));
                 }
-                let all = asked(&route, &ray, f64::INFINITY, ranks, home);
+                let all = asked(&route, &begun(&ray), f64::INFINITY, ranks, home);
                 let mut once = all.clone();
                 once.sort_unstable();
                 once.dedup();
@@ -282,10 +286,11 @@ mod tests {
                     if !hit.is_hit() {
                         break;
                     }
-                    let before = asked(&route, &ray, hit.t, ranks, home);
+                    let before = asked(&route, &begun(&ray), hit.t, ranks, home);
                     let held = |&rank: &usize| parts[rank].binary_search(&hit.primitive).is_ok();
                     prop_assert!(before.iter().any(held), "{hit:?} of {ray:?}: asked {before:?}");
-                    prop_assert!(asked(&route, &ray, f64::INFINITY, ranks, home).starts_with(&before));
+                    let all = asked(&route, &begun(&ray), f64::INFINITY, ranks, home);
+                    prop_assert!(all.starts_with(&before));
                     (ray.t_min, ray.first_id) = (hit.t, hit.primitive + 1);
                 }
             }
