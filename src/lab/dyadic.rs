@@ -50,6 +50,18 @@ impl Mantissa {
         Mantissa::Long(long(&self.long(), &other.long()))
     }
 
+    fn plus(&self, other: &Mantissa) -> Mantissa {
+        self.combine(other, I256::checked_add, |a, b| a + b)
+    }
+
+    fn minus(&self, other: &Mantissa) -> Mantissa {
+        self.combine(other, I256::checked_sub, |a, b| a - b)
+    }
+
+    fn times(&self, other: &Mantissa) -> Mantissa {
+        self.combine(other, short_product, |a, b| a * b)
+    }
+
     /// This times 2^up.
     fn shifted(&self, up: u32) -> Mantissa {
         match self {
@@ -94,15 +106,15 @@ impl Dyadic {
     }
 
     pub fn plus(&self, other: &Dyadic) -> Dyadic {
-        self.combine(other, I256::checked_add, |a, b| a + b)
+        self.combine(other, Mantissa::plus)
     }
 
     pub fn minus(&self, other: &Dyadic) -> Dyadic {
-        self.combine(other, I256::checked_sub, |a, b| a - b)
+        self.combine(other, Mantissa::minus)
     }
 
     pub fn times(&self, other: &Dyadic) -> Dyadic {
-        let mantissa = self.mantissa.combine(&other.mantissa, short_product, |a, b| a * b);
+        let mantissa = self.mantissa.times(&other.mantissa);
         Dyadic { mantissa, exponent: self.exponent + other.exponent }
     }
 
@@ -119,18 +131,13 @@ impl Dyadic {
     }
 
     /// Brings both to the lower exponent, then combines the mantissas.
-    fn combine(
-        &self,
-        other: &Dyadic,
-        short: impl Fn(I256, I256) -> Option<I256>,
-        long: impl Fn(&BigInt, &BigInt) -> BigInt,
-    ) -> Dyadic {
+    fn combine(&self, other: &Dyadic, with: impl Fn(&Mantissa, &Mantissa) -> Mantissa) -> Dyadic {
         let (a, b) = (&self.mantissa, &other.mantissa);
         let apart = self.exponent.abs_diff(other.exponent);
         let mantissa = match self.exponent.cmp(&other.exponent) {
-            Ordering::Equal => a.combine(b, short, long),
-            Ordering::Greater => a.shifted(apart).combine(b, short, long),
-            Ordering::Less => a.combine(&b.shifted(apart), short, long),
+            Ordering::Equal => with(a, b),
+            Ordering::Greater => with(&a.shifted(apart), b),
+            Ordering::Less => with(a, &b.shifted(apart)),
         };
         Dyadic { mantissa, exponent: self.exponent.min(other.exponent) }
     }

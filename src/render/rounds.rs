@@ -78,7 +78,7 @@ pub fn area(settings: &ImageSettings) -> Crop {
 }
 
 /// What is asked for with the rest of the blocks that it touches.
-pub fn touched(settings: &ImageSettings) -> Crop {
+fn touched(settings: &ImageSettings) -> Crop {
     let Crop { x0, y0, x1, y1 } = settings.crop;
     let down = |x: u32| x / BLOCK * BLOCK;
     let up = |x: u32, most: u32| x.div_ceil(BLOCK).saturating_mul(BLOCK).min(most);

@@ -54,6 +54,15 @@ pub struct Exact {
     pub moved_off: [f64; RAYS],
 }
 
+impl Exact {
+    /// A lane's origin and direction.
+    #[inline(always)]
+    pub fn line(&self, lane: usize) -> [[f64; 3]; 2] {
+        let of = |vector: &[[f64; RAYS]; 3]| [vector[0][lane], vector[1][lane], vector[2][lane]];
+        [of(&self.origin), of(&self.direction)]
+    }
+}
+
 /// Rays side by side, each in its lane.
 #[repr(C, align(64))]
 pub struct Bundle {

@@ -81,8 +81,7 @@ impl Bundle {
         if t_best == f64::INFINITY || exact.moved[lane] != 0.0 || is_guest(self.start[lane]) {
             return open;
         }
-        let origin = [exact.origin[0][lane], exact.origin[1][lane], exact.origin[2][lane]];
-        let direction = [exact.direction[0][lane], exact.direction[1][lane], exact.direction[2][lane]];
+        let [origin, direction] = exact.line(lane);
         let radius = 2.0 * RADIUS * (norm_max(origin) + extent);
         let mut left = open;
         while left != 0 {

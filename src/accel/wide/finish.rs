@@ -29,9 +29,9 @@ fn plain_sphere(
     if starts_on_it || exact.moved[lane] != 0.0 {
         return None;
     }
-    let of = |vector: &[[f64; RAYS]; 3]| [vector[0][lane], vector[1][lane], vector[2][lane]];
+    let [origin, direction] = exact.line(lane);
     let center = [f64::from(center[0]), f64::from(center[1]), f64::from(center[2])];
-    let [near, far] = sphere::crossings(of(&exact.origin), of(&exact.direction), center, f64::from(radius))?;
+    let [near, far] = sphere::crossings(origin, direction, center, f64::from(radius))?;
     let begin = exact.t_min[lane];
     if near > begin { Some(near) } else { (near < begin && far > begin).then_some(far) }
 }

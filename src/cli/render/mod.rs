@@ -229,7 +229,7 @@ fn layers(rendered: &Rendered, aov: &[Aov]) -> Vec<Layer> {
 fn stopped(rendered: &Rendered) -> Error {
     let error = match &rendered.error {
         Some(error) => format!("after {:.1} samples per pixel, RMSE {:.2e}", error.spp, error.rmse),
-        None => "after a single sample per pixel, which tells no error".into(),
+        None => "with too few samples per pixel to tell an error".into(),
     };
     Error::Stopped(format!(
         "--time-limit ended the render {error}; the image is whole, give more time for a better one"
