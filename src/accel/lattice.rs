@@ -160,33 +160,13 @@ impl Lattice {
         norm_max(origin) <= FARTHEST * self.extent
     }
 
-    /// The cells of the smallest box that holds these blocks, or `None` if there are none.
-    pub fn span(&self, blocks: impl Iterator<Item = usize>) -> Option<Span> {
-        let edge = BLOCK as i32;
-        blocks
-            .map(|block| self.block_place(block).map(|c| [edge * c as i32, edge * (c as i32 + 1)]))
-            .reduce(|a, b| std::array::from_fn(|k| [a[k][0].min(b[k][0]), a[k][1].max(b[k][1])]))
-            .map(|span| std::array::from_fn(|k| [span[k][0], span[k][1].min(self.counts[k] as i32)]))
-    }
-
-    /// The first cell that [`Lattice::walk`] comes to, occupied or not, where a ray begins well inside the box.
-    #[inline]
-    pub fn first(&self, ray: &Prepared) -> Option<[u32; 3]> {
-        let (origin, direction) = (ray.origin, ray.direction);
-        let slack = (norm_max(origin) + self.extent) * SLACK;
-        let enter = ray.t_min - slack;
-        let mut cell = [0; 3];
-        for axis in 0..3 {
-            // Crossings of the box's planes lie before by half the slack at least, far more than rounding takes, so the walk enters where it would without a box.
-            let begin = origin[axis] + ray.t_min * direction[axis] - self.low[axis];
-            let count = f64::from(self.counts[axis]);
-            if !(begin > slack && begin < count * self.size[axis] - slack) {
-                return None;
-            }
-            let place = origin[axis] + enter * direction[axis] - self.low[axis];
-            cell[axis] = ((place * (1.0 / self.size[axis])) as u32).min(self.counts[axis] - 1);
-        }
-        (ray.t_min <= ray.t_max).then_some(cell)
+    /// The cells of a block.
+    pub fn block_span(&self, block: usize) -> Span {
+        let place = self.block_place(block);
+        std::array::from_fn(|axis| {
+            let first = BLOCK * place[axis];
+            [first as i32, (first + BLOCK).min(self.counts[axis]) as i32]
+        })
     }
 
     /// Walks the cells along a ray and calls `visit` with each occupied one and its block, in order, until it answers `None` or the next cell lies

@@ -5,10 +5,13 @@ pub mod divided;
 pub mod grid;
 pub mod hot;
 pub mod lattice;
+pub mod morton;
+pub mod owners;
 pub mod partition;
 pub mod route;
 pub mod spheres;
 mod tester;
+pub mod voxels;
 pub mod wide;
 
 use crate::geometry::Ray;

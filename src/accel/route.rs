@@ -5,29 +5,15 @@ use std::cell::Cell;
 use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 
-use super::lattice::{Lattice, Span};
-use crate::geometry::{NONE, Prepared, Ray};
-
-/// A block that has nothing, in [`Voxels::owners`].
-pub const NOBODY: u32 = u32::MAX;
-/// A block that every rank has, in [`Voxels::owners`].
-pub const EVERYBODY: u32 = u32::MAX - 1;
-
-/// The space of a scene in voxels, and whose they are: what every rank knows of all.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Voxels {
-    pub lattice: Lattice,
-    /// Of each block of voxels the bits of those that hold something.
-    pub occupied: Vec<u64>,
-    /// Of each block the rank that holds all that reaches into its voxels, [`NOBODY`] or [`EVERYBODY`].
-    pub owners: Vec<u32>,
-}
+use super::owners::{MOST_RANKS, OwnerTree, set_of};
+use super::voxels::{EVERYBODY, Voxels};
+use crate::geometry::{Prepared, Ray};
 
 /// How rays find the parts of a scene that they may meet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Route {
-    /// By place: a ray visits the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them, but first the rank that made it where it
-    /// starts on a surface. Any of them answers for what all have; where a ray comes to that first, the rank that made it does.
+    /// By place: a ray asks the rank that made it, and then the owners of the occupied voxels that it comes through, each once, in the order in which it first comes to them. The
+    /// first of all answers for what all have.
     Voxels(Voxels),
     /// Every ray asks every rank, its own first.
     All,
@@ -41,12 +27,9 @@ pub struct Progress {
     pub home: u32,
     /// Ranks that it has asked.
     pub hops: u32,
-    /// Which, bit by bit, of the first [`TOLD`].
+    /// Which, of the first [`MOST_RANKS`], as a set of owners.
     asked: u64,
 }
-
-/// Most ranks of which a ray carries along whom it has asked; of more that is found out anew from where it began.
-const TOLD: usize = u64::BITS as usize;
 
 impl Progress {
     /// Of a ray that a rank has just made.
@@ -57,7 +40,7 @@ impl Progress {
     /// Notes that it has asked a rank.
     pub fn ask(&mut self, rank: usize) {
         self.hops += 1;
-        self.asked |= if rank < TOLD { 1 << rank } else { 0 };
+        self.asked |= if rank < MOST_RANKS { set_of(rank) } else { 0 };
     }
 }
 
@@ -66,20 +49,19 @@ impl Progress {
 pub struct Guide<'a> {
     route: &'a Route,
     ranks: usize,
-    /// Where there are blocks of others' own.
-    elsewhere: Option<Span>,
+    /// Of blocks that others own, where ranks are so few that a ray carries along whom it has asked; of more that is found out anew from where it began.
+    others: Option<OwnerTree>,
 }
 
 impl<'a> Guide<'a> {
     pub fn new(route: &'a Route, rank: usize, ranks: usize) -> Self {
-        let elsewhere = match route {
-            Route::All => None,
-            Route::Voxels(Voxels { lattice, owners, .. }) => {
-                let others = |block: &usize| owners[*block] < EVERYBODY && owners[*block] != rank as u32;
-                lattice.span((0..owners.len()).filter(others))
+        let others = match route {
+            Route::Voxels(voxels) if ranks <= MOST_RANKS => {
+                Some(OwnerTree::new(voxels, |owner| owner < EVERYBODY && owner != rank as u32))
             }
+            _ => None,
         };
-        Guide { route, ranks, elsewhere }
+        Guide { route, ranks, others }
     }
 
     /// The rank that a ray asks next, if one is left whose part may have a hit at up to `t_best`, in units of the ray's direction. The ray is new, or has asked this rank last.
@@ -92,75 +74,38 @@ impl<'a> Guide<'a> {
             _ if hops >= self.ranks => None,
             Route::All => in_turn(),
             Route::Voxels(voxels) if voxels.owners.is_empty() => None,
+            // Home knows for the least what is beside the start, and what all have.
+            Route::Voxels(_) if hops == 0 => in_turn(),
             Route::Voxels(voxels) if !voxels.lattice.serves(ray.origin.to_array()) => in_turn(),
-            // Where it was made there is the surface that it starts on. Whoever else is asked is found out without an order as long as rays carry along whom they have asked.
-            Route::Voxels(_) if hops == 0 && ray.start != NONE && self.ranks <= TOLD => in_turn(),
-            Route::Voxels(_) if hops == 0 && self.elsewhere.is_none() => in_turn(),
-            Route::Voxels(voxels) => {
-                let ray = Prepared::new(&Ray { t_max: ray.t_max.min(t_best), ..*ray });
-                let owner = match (hops, self.elsewhere) {
-                    (0, _) => voxels.first_owner(&ray),
-                    (_, None) => None,
-                    (_, Some(span)) if self.ranks <= TOLD => voxels.owner_beside(progress.asked, span, &ray),
-                    _ => voxels.owner_after(progress, &ray, self.ranks),
-                };
-                owner.map(|owner| if owner == EVERYBODY { progress.home } else { owner } as usize)
-            }
+            Route::Voxels(voxels) => match &self.others {
+                Some(others) => {
+                    let block = others.nearest(voxels, ray, t_best, !progress.asked);
+                    block.map(|block| voxels.owners[block] as usize)
+                }
+                None => {
+                    let ray = Prepared::new(&Ray { t_max: ray.t_max.min(t_best), ..*ray });
+                    voxels.owner_after(progress, &ray, self.ranks)
+                }
+            },
         }
     }
 }
 
 impl Voxels {
-    /// The owner that a ray first comes to.
-    fn first_owner(&self, ray: &Prepared) -> Option<u32> {
-        // Most rays begin on a surface, where a voxel is occupied.
-        if let Some(cell) = self.lattice.first(ray) {
-            let (block, bit) = self.lattice.block(cell);
-            if self.occupied[block] >> bit & 1 == 1 {
-                return Some(self.owners[block]);
-            }
-        }
-        let mut found = None;
-        self.lattice.walk(
-            ray,
-            |block| self.occupied[block],
-            |_, block| {
-                found = Some(self.owners[block]);
-                None
-            },
-        );
-        found
-    }
-
-    /// The first owner in a span that isn't one of those that a ray has `asked`.
-    fn owner_beside(&self, asked: u64, span: Span, ray: &Prepared) -> Option<u32> {
-        // The blocks of all others are as good as empty, and those that all have.
-        let others = |block: usize| match self.owners[block] {
-            owner if owner >= EVERYBODY || asked >> owner & 1 == 1 => 0,
-            _ => self.occupied[block],
-        };
-        let mut found = None;
-        self.lattice.walk_within(span, ray, others, |_, block| {
-            found = Some(self.owners[block]);
-            None
-        });
-        found
-    }
-
-    /// The owner that a ray comes to after so many others.
-    fn owner_after(&self, progress: &Progress, ray: &Prepared, ranks: usize) -> Option<u32> {
+    /// The owner that a ray comes to after so many others, the first of which was its home.
+    fn owner_after(&self, progress: &Progress, ray: &Prepared, ranks: usize) -> Option<usize> {
         let seen = Seen::new(ranks);
+        seen.insert(progress.home);
         let mut found = None;
-        // Once an owner is counted its other blocks are as good as empty, and with the first those that all have.
+        // Once an owner is counted its other blocks are as good as empty.
         let others = |block: usize| match self.owners[block] {
-            EVERYBODY if seen.count.get() > 0 => 0,
+            EVERYBODY => 0,
             owner if seen.holds(owner) => 0,
             _ => self.occupied[block],
         };
         self.lattice.walk(ray, others, |_, block| {
-            let owner = if self.owners[block] == EVERYBODY { progress.home } else { self.owners[block] };
-            if seen.insert(owner) == progress.hops {
-                found = Some(owner);
+            if seen.insert(self.owners[block]) == progress.hops {
+                found = Some(self.owners[block] as usize);
                 return None;
             }
             Some(ray.t_max)
@@ -201,6 +146,7 @@ mod tests {
     use super::*;
     use crate::accel::Accel;
     use crate::accel::partition::Survey;
+    use crate::geometry::NONE;
     use crate::scene::Surfaces;
     use crate::scene::mesh::Sphere;
 
@@ -250,7 +196,6 @@ mod tests {
             far in prop_oneof![Just(1.0), Just(1e3), Just(1e9)],
             copies in prop_oneof![Just(0u64), 1u64..500, Just(u64::MAX)],
             home in 0usize..70,
-            on_a_surface in any::<bool>(),
         ) {
             let survey = Survey::new(&surfaces, ranks);
             let hot = survey.hottest(&vec![1.0; survey.occupied.len()], copies);
@@ -258,24 +203,13 @@ mod tests {
             let home = home % ranks;
             let parts: Vec<Vec<u32>> = (0..ranks).map(|rank| voxels.part(&surfaces, rank)).collect();
             let route = Route::Voxels(voxels);
-            let begun = |ray: &Ray| Ray { start: if on_a_surface { 0 } else { NONE }, ..*ray };
             for (origin, direction) in origins.iter().zip(&directions) {
                 let (inside, along) = (DVec3::from(*origin), DVec3::from(*direction));
                 let from = if far > 1.0 { inside - along * far } else { inside };
                 let mut ray = Ray {
                     origin: from, direction: along, t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE,
                 };
-                // Where a walk begins is told without walking.
-                let prepared = Prepared::new(&ray);
-                if let Some(first) = survey.lattice.first(&prepared) {
-                    let mut walked = None;
-                    survey.lattice.walk(&prepared, |_| u64::MAX, |cell, _| {
-                        walked = Some(cell);
-                        None
-                    });
-                    prop_assert_eq!(walked, Some(first));
-                }
-                let all = asked(&route, &begun(&ray), f64::INFINITY, ranks, home);
+                let all = asked(&route, &ray, f64::INFINITY, ranks, home);
                 let mut once = all.clone();
                 once.sort_unstable();
                 once.dedup();
@@ -286,10 +220,10 @@ mod tests {
                     if !hit.is_hit() {
                         break;
                     }
-                    let before = asked(&route, &begun(&ray), hit.t, ranks, home);
+                    let before = asked(&route, &ray, hit.t, ranks, home);
                     let held = |&rank: &usize| parts[rank].binary_search(&hit.primitive).is_ok();
                     prop_assert!(before.iter().any(held), "{hit:?} of {ray:?}: asked {before:?}");
-                    let all = asked(&route, &begun(&ray), f64::INFINITY, ranks, home);
+                    let all = asked(&route, &ray, f64::INFINITY, ranks, home);
                     prop_assert!(all.starts_with(&before));
                     (ray.t_min, ray.first_id) = (hit.t, hit.primitive + 1);
                 }
@@ -314,16 +248,17 @@ mod tests {
         let route = |hot: &[usize]| Route::Voxels(survey.divide(3, &[], hot));
         let asked = |hot: &[usize], ray: &Ray, home: usize| asked(&route(hot), ray, f64::INFINITY, 3, home);
         let (forth, back) = (along(DVec3::X, -1.0), along(-DVec3::X, 6.0));
-        assert_eq!(asked(&[], &forth, 1), [0, 1, 2]);
+        assert_eq!(asked(&[], &forth, 1), [1, 0, 2]);
         let heat = survey.heat(&[along(DVec3::Y, 0.0)]);
         let first = survey.hottest(&heat, u64::MAX);
         assert_eq!(first.len(), 1);
         for home in 0..3 {
             // The rank that made it is asked first, and as an owner not again.
-            let mut expected: Vec<usize> = vec![home];
-            expected.extend((0..3).filter(|&rank| rank != home));
-            assert_eq!(asked(&first, &forth, home), expected);
-            assert_eq!(asked(&first, &back, home), [2, 1, 0]);
+            let (mut there, mut again) = (vec![home], vec![home]);
+            there.extend((0..3).filter(|&rank| rank != home));
+            again.extend((0..3).rev().filter(|&rank| rank != home));
+            assert_eq!(asked(&first, &forth, home), there);
+            assert_eq!(asked(&first, &back, home), again);
             let all = survey.hottest(&vec![1.0; survey.occupied.len()], u64::MAX);
             assert_eq!(asked(&all, &forth, home), [home]);
         }

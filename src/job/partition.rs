@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use super::{Crew, Work};
 use crate::accel::Accel;
-use crate::accel::partition::{along_curve, morton, run_of};
+use crate::accel::morton::morton;
+use crate::accel::partition::{along_curve, run_of};
 use crate::accel::route::Route;
 use crate::cluster::exchange::{self, Limits, Outbox, Station};
 use crate::cluster::parcel;

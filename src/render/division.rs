@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::{Renderer, cost};
 use crate::accel::Accel;
 use crate::accel::partition::Survey;
-use crate::accel::route::Voxels;
+use crate::accel::voxels::Voxels;
 use crate::geometry::{NONE, Ray};
 use crate::scene::Scene;
 use crate::scene::material::Material;
@@ -84,7 +84,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::accel::route::EVERYBODY;
+    use crate::accel::voxels::EVERYBODY;
     use crate::scene::load;
 
     fn scene(name: &str) -> Scene {

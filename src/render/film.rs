@@ -4,8 +4,6 @@
 //! 2^31. Deposits are added as u64, saturating at 2^32: addition of non-negative integers that saturates gives the same sum in any order. A pixel
 //! has one plane, or two where the filter has negative lobes: then the second holds the samples of negative weight.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use bytemuck::{Pod, Zeroable};
 
 use super::features::PLANES;
@@ -31,6 +29,14 @@ pub struct Cell {
 }
 
 impl Cell {
+    /// One sample without light.
+    pub const SAMPLE: Cell = Cell { sum: [0; 3], count: 1 };
+
+    /// So much light.
+    pub fn of(radiance: Color) -> Cell {
+        Cell { sum: radiance.map(to_fixed), count: 0 }
+    }
+
     fn deposit(&mut self, radiance: Color) {
         for (sum, value) in self.sum.iter_mut().zip(radiance) {
             *sum = sum.saturating_add(to_fixed(value));
@@ -102,65 +108,6 @@ impl TileFilm {
     }
 }
 
-/// A film of the whole rendered part of the image that several threads deposit in.
-#[derive(Debug)]
-pub struct SharedFilm {
-    crop: Crop,
-    image_width: u32,
-    planes: usize,
-    /// As [`Cell`]: three sums, then the count.
-    cells: Vec<[AtomicU64; 4]>,
-}
-
-impl SharedFilm {
-    pub fn new(crop: Crop, image_width: u32, planes: usize) -> Self {
-        let cells = crop.width() as usize * crop.height() as usize * planes;
-        SharedFilm { crop, image_width, planes, cells: (0..cells).map(|_| Default::default()).collect() }
-    }
-
-    /// Counts a sample of the record's pixel.
-    pub fn count(&self, record: &RayRecord) {
-        self.cell(record)[3].fetch_add(1, Ordering::Relaxed);
-    }
-
-    /// Adds light to the record's pixel.
-    pub fn deposit(&self, record: &RayRecord, radiance: Color) {
-        for (sum, value) in self.cell(record).iter().zip(radiance) {
-            match to_fixed(value) {
-                0 => {}
-                value => {
-                    let add = |sum: u64| Some(sum.saturating_add(value));
-                    let _ = sum.fetch_update(Ordering::Relaxed, Ordering::Relaxed, add);
-                }
-            }
-        }
-    }
-
-    /// Adds to the last planes of the record's pixel.
-    pub fn add_features(&self, record: &RayRecord, features: &[Color; PLANES]) {
-        for (plane, value) in (self.planes - PLANES..).zip(features) {
-            let record = &RayRecord { plane: plane as u8, ..*record };
-            self.deposit(record, *value);
-            self.count(record);
-        }
-    }
-
-    fn cell(&self, record: &RayRecord) -> &[AtomicU64; 4] {
-        let x = (record.pixel % self.image_width - self.crop.x0) as usize;
-        let y = (record.pixel / self.image_width - self.crop.y0) as usize;
-        &self.cells[(y * self.crop.width() as usize + x) * self.planes + usize::from(record.plane)]
-    }
-
-    /// The film as it is now that all threads are done.
-    pub fn into_film(self) -> Film {
-        let cell = |[r, g, b, count]: [AtomicU64; 4]| Cell {
-            sum: [r.into_inner(), g.into_inner(), b.into_inner()],
-            count: count.into_inner(),
-        };
-        Film { crop: self.crop, planes: self.planes, cells: self.cells.into_iter().map(cell).collect() }
-    }
-}
-
 /// The film of the whole rendered part of the image.
 #[derive(Clone, Debug)]
 pub struct Film {
@@ -173,6 +120,11 @@ impl Film {
     pub fn new(crop: Crop, planes: usize) -> Self {
         let pixels = crop.width() as usize * crop.height() as usize;
         Film { crop, planes, cells: vec![Cell::default(); pixels * planes] }
+    }
+
+    /// Of cells in that order.
+    pub(super) fn of(crop: Crop, planes: usize, cells: Vec<Cell>) -> Self {
+        Film { crop, planes, cells }
     }
 
     /// `cells[(y * width + x) * planes + plane]`.
@@ -289,23 +241,6 @@ mod tests {
         assert_eq!(image.pixels.iter().filter(|p| **p != [0.0; 3]).count(), 1);
         assert_eq!(resolve(&film, 0.0, 0.5).pixels[0], [0.5; 3]);
         assert!(film.merge(tile, &[0; 7]).is_err());
-    }
-
-    #[test]
-    fn films_of_ranks_add_up() {
-        let crop = Crop { x0: 10, y0: 20, x1: 14, y1: 23 };
-        let shared = || SharedFilm::new(crop, 100, 1);
-        let record = RayRecord::camera(DVec3::ZERO, DVec3::X, 22 * 100 + 13, 0, 0);
-        let (one, other) = (shared(), shared());
-        one.count(&record);
-        one.deposit(&record, [0.25, 0.5, f64::INFINITY]);
-        other.deposit(&record, [0.25, -1.0, f64::INFINITY]);
-        let mut film = one.into_film();
-        film.add(other.into_film().as_bytes()).unwrap();
-        let image = resolve(&film, 0.0, 0.0);
-        assert_eq!(image.pixels[2 * 4 + 3], [0.5, 0.5, 4_294_967_296.0]);
-        assert_eq!(image.pixels.iter().filter(|p| **p != [0.0; 3]).count(), 1);
-        assert!(film.add(&[0; 32]).is_err());
     }
 
     #[test]

@@ -9,6 +9,7 @@ pub mod film;
 pub mod filter;
 pub mod relay;
 pub mod rounds;
+pub mod shared_film;
 pub mod streams;
 pub mod tile;
 

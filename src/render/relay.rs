@@ -10,9 +10,10 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use bytemuck::{Pod, Zeroable};
 
 use super::features;
-use super::film::{Film, SharedFilm};
+use super::film::Film;
 use super::filter::FilterTable;
 use super::rounds::{self, Round};
+use super::shared_film::{Deposits, SharedFilm};
 use super::streams::Streams;
 use super::{BATCH, RayCounts, RayTally, Renderer};
 use crate::accel::Accel;
@@ -153,7 +154,7 @@ impl<'a> Relay<'a> {
         let mut leg = Leg::new(self, &[], exit);
         for pixel in pixels {
             let record = leg.renderer.sample_of(&self.round, pixel, sample);
-            self.film.count(&record);
+            leg.scratch.deposits.count(&self.film, &record);
             leg.push(record);
         }
         leg.run();
@@ -174,7 +175,7 @@ impl<'a> Relay<'a> {
     }
 }
 
-/// A ray in work.
+/// A ray that came from another rank, or came back.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     traveller: Traveller,
@@ -199,20 +200,22 @@ struct Leg<'r> {
     renderer: Renderer<'r>,
     wave: &'r [Traveller],
     exit: &'r mut dyn Exit,
-    /// Rays that are to be traced here.
-    streams: Streams<Pending>,
     scratch: Scratch,
     /// Rays made here.
     counts: RayCounts,
 }
 
-/// Empty buffers of a task, kept for the next.
+/// What a task works with, kept for the next; no rays are left in it.
 #[derive(Debug, Default)]
 struct Scratch {
+    /// Rays made here that ask this rank first, in its own ids: most never leave.
+    own: Streams<RayRecord>,
+    /// Rays from elsewhere that ask this rank.
+    visiting: Streams<Pending>,
+    deposits: Deposits,
     wave: Vec<Pending>,
     records: Vec<RayRecord>,
     answers: Vec<Answer>,
-    streams: Streams<Pending>,
 }
 
 /// A panic elsewhere leaves the list of buffers whole.
@@ -224,40 +227,51 @@ impl<'r> Leg<'r> {
     fn new(relay: &'r Relay, wave: &'r [Traveller], exit: &'r mut dyn Exit) -> Self {
         let Holding { scene, accel, .. } = &relay.holding;
         let renderer = Renderer::with_filter(scene, accel, relay.settings, relay.filter.clone());
-        let mut scratch = lock(&relay.scratch).pop().unwrap_or_default();
-        let streams = std::mem::take(&mut scratch.streams);
-        Leg { relay, renderer, wave, exit, streams, scratch, counts: RayCounts::default() }
+        let scratch = lock(&relay.scratch).pop().unwrap_or_default();
+        Leg { relay, renderer, wave, exit, scratch, counts: RayCounts::default() }
     }
 
     /// Traces what is to be traced here until nothing is left, or until there is no room for more.
-    fn run(&mut self) {
-        let Scratch { mut wave, mut records, mut answers, .. } = std::mem::take(&mut self.scratch);
+    fn run(mut self) {
+        let mut wave = std::mem::take(&mut self.scratch.wave);
+        let mut records = std::mem::take(&mut self.scratch.records);
+        let mut answers = std::mem::take(&mut self.scratch.answers);
         loop {
-            wave.clear();
-            self.streams.take(&mut wave, BATCH);
-            if wave.is_empty() {
-                break;
-            }
-            records.clear();
+            (wave.clear(), records.clear());
+            self.scratch.visiting.take(&mut wave, BATCH);
             records.extend(wave.iter().map(|pending| {
                 let record = pending.record();
                 RayRecord { t_max: record.t_max.min(pending.traveller.best.t), ..record }
             }));
+            self.scratch.own.take(&mut records, BATCH);
+            if records.is_empty() {
+                break;
+            }
             let Holding { scene, accel, .. } = &self.relay.holding;
             accel.trace(&scene.surfaces, &records, &mut answers);
             self.relay.asked.fetch_add(records.len() as u64, Ordering::Relaxed);
             for (pending, answer) in wave.iter_mut().zip(&answers) {
-                self.answered(pending, answer);
+                self.visitor_answered(pending, answer);
             }
-            if self.streams.len() > self.exit.room() {
-                let left: Vec<Pending> = self.streams.drain().collect();
-                left.iter().for_each(|pending| self.send(self.relay.rank, pending));
-                break;
+            for (record, answer) in records.iter().zip(&answers).skip(wave.len()) {
+                self.own_answered(record, answer);
+            }
+            if self.scratch.visiting.len() + self.scratch.own.len() > self.exit.room() {
+                self.leave();
             }
         }
+        self.scratch.deposits.go_to(&self.relay.film);
         self.relay.tally.add(&self.counts);
-        let streams = std::mem::take(&mut self.streams);
-        lock(&self.relay.scratch).push(Scratch { wave, records, answers, streams });
+        lock(&self.relay.scratch).push(Scratch { wave, records, answers, ..self.scratch });
+    }
+
+    /// Puts what hasn't been traced aside for later.
+    fn leave(&mut self) {
+        let home = self.relay.rank;
+        let visiting: Vec<Pending> = self.scratch.visiting.drain().collect();
+        visiting.iter().for_each(|pending| self.send(home, pending));
+        let own: Vec<RayRecord> = self.scratch.own.drain().collect();
+        own.iter().for_each(|record| self.exit.send(home, self.departing(record)));
     }
 
     /// Takes in a ray of the wave.
@@ -277,12 +291,32 @@ impl<'r> Leg<'r> {
         };
         match traveller.progress.hops {
             TO_BE_SHADED => self.conclude(&pending),
-            _ => self.streams.push(traveller.record.stream, pending),
+            _ => self.scratch.visiting.push(traveller.record.stream, pending),
         }
     }
 
-    /// Weighs what this rank's part answered to a ray.
-    fn answered(&mut self, pending: &mut Pending, answer: &Answer) {
+    /// Weighs what this rank's part answered to a ray that has asked no other yet.
+    fn own_answered(&mut self, record: &RayRecord, answer: &Answer) {
+        if answer.is_hit() && record.query() == Query::Occluded {
+            return;
+        }
+        let mut progress = Progress::new(self.relay.rank);
+        progress.ask(self.relay.rank);
+        let Some(rank) = self.relay.guide.next(&record.ray(), answer.t, &progress) else {
+            self.shade(record, answer);
+            return;
+        };
+        let mut traveller = Traveller { progress, ..self.departing(record) };
+        if answer.is_hit() {
+            let primitive = self.relay.holding.ids[answer.primitive as usize];
+            traveller.best = Answer { primitive, ..*answer };
+            traveller.holder = self.relay.rank as u32;
+        }
+        self.exit.send(rank, traveller);
+    }
+
+    /// The same of a ray from elsewhere.
+    fn visitor_answered(&mut self, pending: &mut Pending, answer: &Answer) {
         let Traveller { record, best, progress, holder, .. } = &mut pending.traveller;
         if answer.is_hit() {
             if record.query() == Query::Occluded {
@@ -296,14 +330,7 @@ impl<'r> Leg<'r> {
             }
         }
         progress.ask(self.relay.rank);
-        self.go_on(pending);
-    }
-
-    /// Sends a ray to the next rank on its route, or comes to its end.
-    fn go_on(&mut self, pending: &mut Pending) {
-        let Traveller { record, best, progress, holder, .. } = &mut pending.traveller;
         match self.relay.guide.next(&record.ray(), best.t, progress) {
-            Some(rank) if rank == self.relay.rank => self.streams.push(record.stream, *pending),
             Some(rank) => self.send(rank, pending),
             None if !best.is_hit() || *holder as usize == self.relay.rank => self.conclude(pending),
             None => match self.relay.local(best.primitive) {
@@ -321,7 +348,7 @@ impl<'r> Leg<'r> {
         }
     }
 
-    /// Shades the ray's hit, which lies here, or what it shows if there is none.
+    /// Shades the hit of a ray from elsewhere, which lies here, or what it shows if there is none.
     fn conclude(&mut self, pending: &Pending) {
         let best = &pending.traveller.best;
         let primitive = match best.primitive {
@@ -329,15 +356,20 @@ impl<'r> Leg<'r> {
             _ if pending.primitive != NONE => pending.primitive,
             id => self.relay.local(id).expect("a ray is shaded where its hit was found"),
         };
-        let (scene, film) = (&self.relay.holding.scene, &self.relay.film);
-        let found = Answer { primitive, ..*best };
-        if self.relay.settings.features
-            && let Some(features) = features::of_hit(scene, &pending.record(), &found, best.primitive)
-        {
-            film.add_features(&pending.record(), &features);
+        self.shade(&pending.record(), &Answer { primitive, ..*best });
+    }
+
+    /// Shades what a ray has found here in the end, all in this rank's ids.
+    fn shade(&mut self, record: &RayRecord, found: &Answer) {
+        let Holding { scene, ids, .. } = &self.relay.holding;
+        if self.relay.settings.features {
+            let id = if found.is_hit() { ids[found.primitive as usize] } else { NONE };
+            if let Some(features) = features::of_hit(scene, record, found, id) {
+                self.scratch.deposits.add_features(&self.relay.film, record, &features);
+            }
         }
         let transport = self.renderer.transport;
-        transport.advance(&pending.record(), &found, self);
+        transport.advance(record, found, self);
     }
 
     fn send(&mut self, rank: usize, pending: &Pending) {
@@ -347,15 +379,12 @@ impl<'r> Leg<'r> {
         }
         self.exit.send(rank, traveller);
     }
-}
 
-impl Sink for Leg<'_> {
-    /// Takes in a ray that was made here, in this rank's ids.
-    fn push(&mut self, record: RayRecord) {
-        self.counts[record.made_by() as usize] += 1;
-        let ids = &self.relay.holding.ids;
+    /// A ray in this rank's ids that was made here and hasn't asked anybody, as others know it.
+    fn departing(&self, record: &RayRecord) -> Traveller {
+        let Holding { scene, ids, .. } = &self.relay.holding;
         let mut traveller = Traveller {
-            record,
+            record: *record,
             best: Answer::MISS,
             progress: Progress::new(self.relay.rank),
             holder: NONE,
@@ -367,16 +396,31 @@ impl Sink for Leg<'_> {
                 let host = &self.wave[(guest - FIRST_GUEST) as usize];
                 (traveller.record.start, traveller.start) = (host.record.start, host.start);
             }
-            own => traveller.record.start = ids[own as usize],
+            own => {
+                traveller.record.start = ids[own as usize];
+                traveller.start = scene.surfaces.start(own).into();
+            }
         }
         if record.first_id > 0 {
             traveller.record.first_id = ids[record.first_id as usize - 1] + 1;
         }
-        let (start, first_id) = (record.start, record.first_id);
-        self.go_on(&mut Pending { traveller, start, first_id, primitive: NONE });
+        traveller
+    }
+}
+
+impl Sink for Leg<'_> {
+    /// Takes in a ray that was made here, in this rank's ids.
+    fn push(&mut self, record: RayRecord) {
+        self.counts[record.made_by() as usize] += 1;
+        let made = Progress::new(self.relay.rank);
+        match self.relay.guide.next(&record.ray(), f64::INFINITY, &made) {
+            Some(rank) if rank == self.relay.rank => self.scratch.own.push(record.stream, record),
+            Some(rank) => self.exit.send(rank, self.departing(&record)),
+            None => self.shade(&record, &Answer::MISS),
+        }
     }
 
     fn deposit(&mut self, record: &RayRecord, radiance: Color) {
-        self.relay.film.deposit(record, radiance);
+        self.scratch.deposits.add(&self.relay.film, record, radiance);
     }
 }
