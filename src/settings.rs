@@ -213,6 +213,8 @@ pub struct RunSettings {
 impl RunSettings {
     /// Enough for a million rays.
     pub const RAY_MEMORY: u64 = 256 << 20;
+    /// What the program gives to copies of hot blocks unless told otherwise: small scenes are copied whole.
+    pub const REPLICATE_HOT: u64 = 64 << 20;
 }
 
 impl Default for RunSettings {

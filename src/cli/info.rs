@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use rayon::prelude::*;
 
-use super::render::{bytes, replicates};
+use super::render::{Copies, copies, replicates};
 use super::{print, warn};
 use crate::error::Result;
 use crate::lab::prediction::{self, RankMemory};
@@ -25,9 +25,9 @@ pub struct Args {
     /// How many ranks --split is asked about
     #[arg(long, value_name = "N", requires = "split", value_parser = clap::value_parser!(u32).range(1..=65536))]
     ranks: Option<u32>,
-    /// Memory of each rank for copies of hot blocks, as of render with the hierarchy
-    #[arg(long, value_name = "BYTES", requires = "split", value_parser = bytes)]
-    replicate_hot: Option<u64>,
+    /// Memory of each rank for copies of hot blocks, as of render with the hierarchy [default: 64M]
+    #[arg(long, value_name = "BYTES", requires = "split", value_parser = copies)]
+    replicate_hot: Option<Copies>,
 }
 
 /// What ranks will hold of a divided scene.
@@ -94,12 +94,12 @@ pub fn run(args: &Args) -> Result<()> {
 }
 
 fn foretell(args: &Args, loaded: &Loaded, split: Split, ranks: u32) -> Result<()> {
-    replicates(args.replicate_hot, split)?;
+    let replicate_hot = replicates(args.replicate_hot, split)?;
     let default = ImageSettings::default();
     let size = (loaded.image.width.unwrap_or(default.width), loaded.image.height.unwrap_or(default.height));
     let image = ImageSettings::sized(size.0, size.1);
     let primitives = loaded.scene.surfaces.len();
-    let ranks = prediction::predict(&loaded.scene, &image, split, ranks as usize, args.replicate_hot);
+    let ranks = prediction::predict(&loaded.scene, &image, split, ranks as usize, replicate_hot);
     let held: u64 = ranks.iter().map(|rank| rank.primitives).sum();
     let overhead = held as f64 / primitives.max(1) as f64 - 1.0;
     if args.json {

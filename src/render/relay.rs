@@ -237,7 +237,8 @@ impl<'r> Leg<'r> {
         let mut records = std::mem::take(&mut self.scratch.records);
         let mut answers = std::mem::take(&mut self.scratch.answers);
         loop {
-            (wave.clear(), records.clear());
+            wave.clear();
+            records.clear();
             self.scratch.visiting.take(&mut wave, BATCH);
             records.extend(wave.iter().map(|pending| {
                 let record = pending.record();

@@ -97,9 +97,9 @@ pub struct Args {
     /// Memory of each rank for rays that travel, with --split triangles or voxels; more rays wait in temporary files
     #[arg(long, value_name = "BYTES", env = "HELIOSTAT_RAY_MEMORY", default_value = "256M", value_parser = bytes, help_heading = "Run")]
     pub(super) ray_memory: u64,
-    /// Memory of each rank, about, for copies of the blocks that most rays come to and all textures, beside its own part, with --split voxels; --stats tells what was copied; never changes a byte of the image
-    #[arg(long, value_name = "BYTES", env = "HELIOSTAT_REPLICATE_HOT", value_parser = bytes, help_heading = "Run")]
-    pub(super) replicate_hot: Option<u64>,
+    /// Memory of each rank, about, for copies of the blocks that most rays come to and all textures, beside its own part, with --split voxels; `none` copies nothing; --stats tells what was copied; never changes a byte of the image [default: 64M]
+    #[arg(long, value_name = "BYTES", env = "HELIOSTAT_REPLICATE_HOT", value_parser = copies, help_heading = "Run")]
+    pub(super) replicate_hot: Option<Copies>,
     /// How the threads of a rank divide its work; never changes a byte of the image
     #[arg(long, env = "HELIOSTAT_WITHIN", default_value = "rays", help_heading = "Run")]
     pub(super) within: Within,
@@ -246,6 +246,17 @@ pub(in crate::cli) fn bytes(text: &str) -> std::result::Result<u64, String> {
         number.checked_mul(1 << (10 * power))
     });
     parsed.filter(|&bytes| bytes > 0).ok_or_else(|| "give a number of bytes, such as 256M or 2G".into())
+}
+
+/// Memory for copies of hot blocks, if any.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::cli) struct Copies(pub(super) Option<u64>);
+
+pub(in crate::cli) fn copies(text: &str) -> std::result::Result<Copies, String> {
+    if text.trim() == "none" {
+        return Ok(Copies(None));
+    }
+    bytes(text).map(|bytes| Copies(Some(bytes))).map_err(|how| how + ", or none")
 }
 
 pub(in crate::cli) fn density(text: &str) -> std::result::Result<f64, String> {

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 pub use self::args::Args;
 use self::args::{Aov, image_settings};
-pub(super) use self::args::{bytes, density, positive, seconds, size};
+pub(super) use self::args::{Copies, copies, density, positive, seconds, size};
 use super::{note, warn};
 use crate::accel::{Accel, divided};
 use crate::cluster::share;
@@ -120,7 +120,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
         tile_size: args.tile_size,
         deal: args.deal,
         ray_memory: args.ray_memory,
-        replicate_hot: args.replicate_hot,
+        replicate_hot: replicates(args.replicate_hot, args.split)?,
         time_limit: args.time_limit,
     };
     if run.split.is_partitioned() && run.within == Within::Triangles {
@@ -130,7 +130,6 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
             "leave it out, or give --split tiles or stream",
         ));
     }
-    replicates(run.replicate_hot, run.split)?;
     if !errand.quiet {
         warn(&loaded.warnings);
     }
@@ -156,15 +155,16 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
     Ok((Work { scene: loaded.scene, accel, image, run, division: None }, errand))
 }
 
-/// Whether blocks can be replicated.
-pub(super) fn replicates(bytes: Option<u64>, split: Split) -> Result<()> {
-    match bytes {
+/// The memory for copies of hot blocks, where there are blocks.
+pub(super) fn replicates(asked: Option<Copies>, split: Split) -> Result<Option<u64>> {
+    match asked {
         Some(_) if split != Split::Voxels => Err(Error::usage(
             "--replicate-hot",
             "only blocks of voxels are replicated, which this --split has none of",
             "leave it (HELIOSTAT_REPLICATE_HOT, too) out, or give --split voxels",
         )),
-        _ => Ok(()),
+        Some(Copies(bytes)) => Ok(bytes),
+        None => Ok((split == Split::Voxels).then_some(RunSettings::REPLICATE_HOT)),
     }
 }
 
