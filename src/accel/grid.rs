@@ -9,10 +9,12 @@ use rayon::prelude::*;
 
 use super::lattice::Lattice;
 use super::tester::Tester;
+use super::wide::Questions;
 use super::wide::level::Level;
 use super::wide::sieve::Sieve;
+use super::wide::slices::Cells;
 use super::wide::tree::WIDTH;
-use super::{bounds, brute, solid};
+use super::{bounds, brute, solid, wide};
 use crate::geometry::record::Answer;
 use crate::geometry::{NONE, Ray};
 use crate::memory::{Array, HugeArray};
@@ -127,6 +129,28 @@ impl Grid {
     /// Bytes of cells and lists.
     pub fn memory(&self) -> usize {
         size_of_val(&*self.starts) + size_of_val(&*self.primitives) + size_of_val(&*self.occupied)
+    }
+
+    /// Answers a batch: rays that go much the same way in packets, the others one by one.
+    pub fn trace(
+        &self,
+        level: Level,
+        surfaces: &Surfaces,
+        questions: &(impl Questions + ?Sized),
+        answers: &mut [Answer],
+    ) {
+        if self.starts.is_empty() {
+            answers.fill(Answer::MISS);
+            return;
+        }
+        let Grid { lattice, starts, primitives, occupied } = self;
+        let cells = Cells { lattice, starts, primitives, occupied };
+        let mut alone = Vec::new();
+        wide::through_cells(level, cells, surfaces, questions, answers, &mut alone);
+        for index in alone {
+            let (ray, any) = questions.question(index);
+            answers[index] = self.answer(surfaces, &ray, any);
+        }
     }
 
     /// The least (t, primitive id), or with `any` whether there is one.

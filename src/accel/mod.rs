@@ -173,7 +173,11 @@ impl Accel {
                 answers.resize(records.len(), Answer::MISS);
                 wide.trace(surfaces, records, answers);
             }
-            Accel::Grid(_) | Accel::Spheres(_) | Accel::Brute => answers.extend(
+            Accel::Grid(grid) => {
+                answers.resize(records.len(), Answer::MISS);
+                grid.trace(Level::chosen(), surfaces, records, answers);
+            }
+            Accel::Spheres(_) | Accel::Brute => answers.extend(
                 records
                     .iter()
                     .map(|record| self.single(surfaces, &record.ray(), record.query() == Query::Occluded)),

@@ -194,8 +194,9 @@ impl Subject {
                 (Mode::Tree(traversal, level), _) => {
                     return self.wide.trace_at(level, traversal, &self.surfaces, asked, answers);
                 }
-                (Mode::Grid, Some(grid)) if any => hit(grid.occluded(&self.surfaces, &ray)),
-                (Mode::Grid, Some(grid)) => grid.closest(&self.surfaces, &ray),
+                (Mode::Grid, Some(Accel::Grid(grid))) => {
+                    return grid.trace(Level::chosen(), &self.surfaces, asked, answers);
+                }
                 (Mode::PlainGrid, Some(Accel::Grid(grid))) => {
                     hit(plain_grid::is_hit(grid, &self.surfaces, &ray, any))
                 }

@@ -71,7 +71,7 @@ pub struct Bundle {
     pub near_origin: [[f32; RAYS]; 3],
     pub far_origin: [[f32; RAYS]; 3],
     pub origin: [[f32; RAYS]; 3],
-    direction: [[f32; RAYS]; 3],
+    pub direction: [[f32; RAYS]; 3],
     pub shear: [[f32; RAYS]; 2],
     pub inverse_z: [f32; RAYS],
     pub t_min: [f32; RAYS],

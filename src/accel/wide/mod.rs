@@ -16,6 +16,7 @@ mod packet;
 mod piece;
 mod questions;
 pub mod sieve;
+pub mod slices;
 mod spatial;
 mod sphere_filter;
 pub mod tree;
@@ -30,16 +31,18 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::ploc::PlocBuilder;
 use rayon::prelude::*;
 
+use super::lattice::Lattice;
 use super::solid;
-use crate::geometry::Ray;
 use crate::geometry::record::{Answer, RayRecord};
+use crate::geometry::{Ray, round_down, round_up};
 use crate::scene::Surfaces;
 use crate::settings::BuildPreset;
 use level::{Level, Traversal};
 use questions::Walked;
 pub use questions::{Questions, prefetch_record};
+use slices::Cells;
 use spatial::Cuts;
-use tree::Tree;
+use tree::{Tree, TreeView};
 use walk::Scratch;
 
 /// Bytes of nodes and blocks for each triangle, about: 88 to 92 were measured on terrains and a teapot.
@@ -62,6 +65,29 @@ pub struct Wide {
     /// Corners of the box around everything.
     pub low: [f32; 3],
     pub high: [f32; 3],
+}
+
+/// Runs what is compiled for a level, which the processor must have.
+macro_rules! at_level {
+    ($level:expr, $instructions:ident => $run:expr) => {
+        match $level {
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx2 => {
+                type $instructions = walk::Avx2;
+                $run
+            }
+            #[cfg(target_arch = "x86_64")]
+            Level::Avx512 => {
+                type $instructions = walk::Avx512;
+                $run
+            }
+            // Other architectures have no other.
+            _ => {
+                type $instructions = walk::Baseline;
+                $run
+            }
+        }
+    };
 }
 
 thread_local! {
@@ -148,26 +174,39 @@ impl Wide {
             return;
         }
         let extent = self.low.iter().chain(&self.high).fold(0.0, |m: f64, c| m.max(f64::from(c.abs())));
-        let walked = Walked { tree: self.tree.view(), surfaces, extent, low: self.low, high: self.high };
+        let (tree, low, high) = (self.tree.view(), self.low, self.high);
+        let walked = Walked { tree, surfaces, extent, low, high, cells: None };
         SCRATCH.with_borrow_mut(|scratch| {
-            // SAFETY: levels that the processor lacks are never chosen, and refused above.
-            unsafe {
-                match level {
-                    Level::Baseline => {
-                        walk::walk::<walk::Baseline>(&walked, traversal, questions, answers, scratch)
-                    }
-                    #[cfg(target_arch = "x86_64")]
-                    Level::Avx2 => walk::walk::<walk::Avx2>(&walked, traversal, questions, answers, scratch),
-                    #[cfg(target_arch = "x86_64")]
-                    Level::Avx512 => {
-                        walk::walk::<walk::Avx512>(&walked, traversal, questions, answers, scratch)
-                    }
-                    #[cfg(not(target_arch = "x86_64"))]
-                    _ => walk::walk::<walk::Baseline>(&walked, traversal, questions, answers, scratch),
-                }
-            }
+            // SAFETY: levels that the processor lacks are never chosen, and refused by `trace_at`.
+            unsafe { at_level!(level, I => walk::walk::<I>(&walked, traversal, questions, answers, scratch)) }
         });
     }
+}
+
+/// Answers the rays of a batch that can go through a grid's cells in packets, and adds the others to `alone`.
+///
+/// # Panics
+/// At a level that the processor lacks.
+pub fn through_cells(
+    level: Level,
+    cells: Cells,
+    surfaces: &Surfaces,
+    questions: &(impl Questions + ?Sized),
+    answers: &mut [Answer],
+    alone: &mut Vec<usize>,
+) {
+    assert!(level.is_available(), "{} isn't there", level.name());
+    let Lattice { low, size, counts, extent } = *cells.lattice;
+    let high: [f64; 3] = std::array::from_fn(|axis| low[axis] + f64::from(counts[axis]) * size[axis]);
+    let (low, high) = (low.map(round_down), high.map(round_up));
+    let tree = TreeView { nodes: &[], blocks: &[], stack_size: 0 };
+    let walked = Walked { tree, surfaces, extent, low, high, cells: Some(cells) };
+    SCRATCH.with_borrow_mut(|scratch| {
+        // SAFETY: asked above.
+        unsafe {
+            at_level!(level, I => walk::through_cells::<I>(&walked, questions, answers, scratch, alone))
+        }
+    });
 }
 
 /// Merges neighbours bottom up, then puts the worst nodes where they cost less.

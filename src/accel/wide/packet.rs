@@ -14,6 +14,8 @@ use super::walk::{Instructions, Scratch};
 
 /// Fewer rays of a class are no packet.
 const LEAST: u32 = 12;
+/// The same where cells are walked, of which a ray alone takes one after the other.
+const LEAST_OF_CELLS: u32 = 4;
 /// At a node that no more rays than this enter, they go on alone.
 const ALONE: u32 = 6;
 /// A block is judged for the whole beam if no fewer rays than this reach it.
@@ -63,6 +65,7 @@ pub unsafe fn packets<I: Instructions>(
     scratch: &mut Scratch,
 ) -> u64 {
     let (mut alone, mut left) = (0u64, first_lanes(scratch.bundles[number].count));
+    let least = if batch.walked.cells.is_some() { LEAST_OF_CELLS } else { LEAST };
     let broadest = BROADEST * batch.walked.extent as f32;
     while left != 0 {
         let bundle = &*scratch.bundles[number];
@@ -71,7 +74,7 @@ pub unsafe fn packets<I: Instructions>(
         // SAFETY: the caller's promise.
         let lanes = unsafe { lanes_of::<I::Most>(&bundle.class, bundle.class[lane]) } & left & asks_alike;
         left &= !lanes;
-        if lanes.count_ones() < LEAST || !bundle.filters {
+        if lanes.count_ones() < least || !bundle.filters {
             alone |= lanes;
             continue;
         }
@@ -84,8 +87,12 @@ pub unsafe fn packets<I: Instructions>(
             {
                 alone |= lanes;
             } else {
-                Packet { number, lanes, class: bundle.class[lane], beam, any: bundle.any & lanes != 0 }
-                    .walk::<I>(batch, scratch);
+                let any = bundle.any & lanes != 0;
+                let packet = Packet { number, lanes, class: bundle.class[lane], beam, any };
+                match batch.walked.cells {
+                    None => packet.walk::<I>(batch, scratch),
+                    Some(cells) => alone |= packet.through_cells::<I>(batch, cells, scratch),
+                }
             }
         }
     }
@@ -93,11 +100,11 @@ pub unsafe fn packets<I: Instructions>(
 }
 
 /// Rays of one class that ask the same.
-struct Packet {
+pub struct Packet {
     /// Of the bundle.
-    number: usize,
-    lanes: u64,
-    class: u32,
+    pub number: usize,
+    pub lanes: u64,
+    pub class: u32,
     beam: Beam,
     any: bool,
 }
@@ -215,7 +222,7 @@ impl Packet {
     /// # Safety
     /// The level's instructions are there.
     #[inline(always)]
-    unsafe fn visit<I: Instructions>(
+    pub unsafe fn visit<I: Instructions>(
         &self,
         batch: &Batch<impl Questions + ?Sized>,
         child: u32,
@@ -397,7 +404,7 @@ impl Packet {
 }
 
 #[inline(always)]
-const fn group_mask<V: Vector>() -> u32 {
+pub const fn group_mask<V: Vector>() -> u32 {
     (1 << V::COUNT) - 1
 }
 

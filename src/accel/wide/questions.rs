@@ -1,5 +1,6 @@
 //! What a batch asks, and of what.
 
+use super::slices::Cells;
 use super::tree::TreeView;
 use crate::geometry::Ray;
 use crate::geometry::record::{Query, RayRecord};
@@ -15,6 +16,8 @@ pub struct Walked<'a> {
     /// Corners of the scene's box.
     pub low: [f32; 3],
     pub high: [f32; 3],
+    /// The grid that packets go through in place of the tree.
+    pub cells: Option<Cells<'a>>,
 }
 
 /// The rays of a batch.

@@ -122,6 +122,10 @@ proptest! {
                 prop_assert_eq!(&grid.closest(&surfaces, ray), truth, "grid of {} {:?}", density, ray);
                 prop_assert_eq!(grid.occluded(&surfaces, ray), truth.is_hit());
             }
+            let mut answers = vec![Answer::MISS; rays.len()];
+            let Accel::Grid(grid) = &grid else { unreachable!() };
+            grid.trace(Level::chosen(), &surfaces, &(rays.as_slice(), false), &mut answers);
+            prop_assert_eq!(&answers, &truth, "grid of {}", density);
         }
         let mut answers = vec![Answer::MISS; rays.len()];
         for ((name, wide), (level, traversal)) in
@@ -187,6 +191,17 @@ proptest! {
         let truth: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
         let mut answers = vec![Answer::MISS; rays.len()];
         let levels = || Level::ALL.into_iter().filter(|level| level.is_available());
+        for (density, level) in [0.05, 3.0, 300.0].into_iter().flat_map(|density| levels().map(move |level| (density, level))) {
+            let grid = Grid::build(&surfaces, density);
+            grid.trace(level, &surfaces, &(rays.as_slice(), false), &mut answers);
+            for (index, (answer, truth)) in answers.iter().zip(&truth).enumerate() {
+                prop_assert_eq!(answer, truth, "grid of {} {:?} {:?}", density, level, rays[index]);
+            }
+            grid.trace(level, &surfaces, &(rays.as_slice(), true), &mut answers);
+            for (index, (answer, truth)) in answers.iter().zip(&truth).enumerate() {
+                prop_assert_eq!(answer.is_hit(), truth.is_hit(), "grid of {} {:?} {:?}", density, level, rays[index]);
+            }
+        }
         for ((name, wide), level) in trees(&surfaces).iter().flat_map(|tree| levels().map(move |level| (tree, level))) {
             wide.trace_rays(level, &surfaces, &rays, false, &mut answers);
             for (index, (answer, truth)) in answers.iter().zip(&truth).enumerate() {

@@ -11,6 +11,7 @@ use super::lanes::{Eight, Plain, Vector};
 use super::level::Traversal;
 use super::packet::{self, Entry};
 use super::questions::{Batch, Questions, Walked};
+use super::slices::Gathered;
 use crate::geometry::record::Answer;
 
 /// Bundles whose rays are in flight together.
@@ -22,6 +23,8 @@ pub struct Scratch {
     pub bundles: Vec<Box<Bundle>>,
     pub stacks: Stacks,
     pub entries: Vec<Entry>,
+    /// What packets have met in cells.
+    pub gathered: Option<Box<Gathered>>,
     decisions: Box<Decisions>,
     tickets: Vec<u16>,
 }
@@ -32,6 +35,7 @@ impl Default for Scratch {
             bundles: (0..=TOGETHER).map(|_| Bundle::empty()).collect(),
             stacks: Stacks::default(),
             entries: Vec::new(),
+            gathered: None,
             decisions: Decisions::new(),
             tickets: Vec::with_capacity(TOGETHER * RAYS),
         }
@@ -214,6 +218,40 @@ pub unsafe fn walk<I: Instructions>(
     if bundles > 0 {
         // SAFETY: the caller's promise.
         unsafe { fly::<I>(&batch, traversal, bundles, answers, scratch) };
+    }
+}
+
+/// Answers the rays of a batch that go through cells in packets; the others are named.
+///
+/// # Safety
+/// The level's instructions are there.
+pub unsafe fn through_cells<I: Instructions>(
+    walked: &Walked,
+    questions: &(impl Questions + ?Sized),
+    answers: &mut [Answer],
+    scratch: &mut Scratch,
+    alone: &mut Vec<usize>,
+) {
+    let batch = Batch { walked, questions };
+    for first in (0..answers.len()).step_by(RAYS) {
+        let count = (answers.len() - first).min(RAYS);
+        scratch.gathered.get_or_insert_default().clear();
+        // SAFETY: the caller's promise.
+        unsafe {
+            I::fill(&batch, &mut scratch.bundles[0], first, count);
+            let mut left = I::packets(&batch, 0, scratch);
+            let Scratch { bundles, decisions, gathered, .. } = &mut *scratch;
+            if left != first_lanes(count) {
+                let tree = gathered.get_or_insert_default().view();
+                let walked = Walked { tree, ..*walked };
+                I::finish(&Batch { walked: &walked, questions }, decisions, &mut bundles[0], answers);
+                left |= bundles[0].contradicted;
+            }
+            while left != 0 {
+                alone.push(first + left.trailing_zeros() as usize);
+                left &= left - 1;
+            }
+        }
     }
 }
 
