@@ -302,6 +302,11 @@ fn wrong_flags_are_usage_errors() {
         2,
         &["--replicate-hot", "256M"],
     );
+    refuses(
+        &["render", &spheres, "--split", "voxels", "--replicate-hot", "all"],
+        2,
+        &["--replicate-hot", "none"],
+    );
     let triangles = ["info", &spheres, "--split", "triangles", "--ranks", "2"];
     refuses(&[&triangles[..], &hot].concat(), 2, &["--replicate-hot", "--split voxels"]);
     refuses(&["compare", "a.png"], 2, &["<TEST>"]);

@@ -9,7 +9,7 @@ use super::partition::{along_curve, run_of};
 use super::spheres::Spheres;
 use super::tester::Tester;
 use super::wide::Wide;
-use super::{Accel, brute};
+use super::{Accel, brute, extent, solid};
 use crate::geometry::Ray;
 use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
@@ -36,8 +36,18 @@ struct Part {
 impl Divided {
     /// Divides all primitives but triangles without area into `parts`, fewer if there are fewer primitives. On the current rayon pool.
     pub fn build(kind: AccelKind, build: BuildSettings, surfaces: &Surfaces, parts: usize) -> Divided {
+        // Rays start on what is in other parts, too.
+        let starts_extent = extent(surfaces, &solid(surfaces));
         let runs = runs(surfaces, parts);
-        let parts = runs.into_iter().map(|ids| Part::build(kind, build, surfaces, ids)).collect();
+        let mut parts: Vec<Part> =
+            runs.into_iter().map(|ids| Part::build(kind, build, surfaces, ids)).collect();
+        for part in &mut parts {
+            match &mut part.accel {
+                Accel::Bvh(wide) => wide.starts_extent = starts_extent,
+                Accel::Grid(grid) => grid.starts_extent = starts_extent,
+                _ => {}
+            }
+        }
         Divided { kind, parts }
     }
 

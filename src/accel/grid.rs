@@ -1,7 +1,8 @@
 //! A uniform grid: cells of one size with lists of what reaches into them, walked cell by cell along the ray (Amanatides and Woo 1987, "A Fast Voxel Traversal
 //! Algorithm for Ray Tracing"). Slower than the tree; it can be cut into pieces by place alone.
 //!
-//! Why no hit is lost: see `lattice`. For origins that it doesn't serve every primitive is tested.
+//! Rays that go much the same way go through it in packets (`wide::slices`). Why no hit is lost: see there and `lattice`. A ray alone whose origin isn't served is tested
+//! against every primitive.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -34,6 +35,8 @@ pub struct Grid {
     pub primitives: HugeArray<u32>,
     /// For each block of cells which of them have something.
     pub occupied: HugeArray<u64>,
+    /// The largest magnitude of a coordinate of what rays may start on, if that is more than what is in the cells.
+    pub starts_extent: f64,
 }
 
 impl Grid {
@@ -143,8 +146,8 @@ impl Grid {
             answers.fill(Answer::MISS);
             return;
         }
-        let Grid { lattice, starts, primitives, occupied } = self;
-        let cells = Cells { lattice, starts, primitives, occupied };
+        let Grid { lattice, starts, primitives, occupied, starts_extent } = self;
+        let cells = Cells { lattice, starts, primitives, occupied, starts_extent: *starts_extent };
         let mut alone = Vec::new();
         wide::through_cells(level, cells, surfaces, questions, answers, &mut alone);
         for index in alone {
@@ -181,7 +184,7 @@ impl Grid {
         let ray = tester.ray;
         let (mut remembered, mut oldest) = ([NONE; REMEMBERED], 0);
         let sieve = Sieve::new(Level::chosen(), &ray, self.lattice.extent);
-        let mut gathered = Gathered { ids: [NONE; WIDTH], count: 0 };
+        let mut gathered = Together { ids: [NONE; WIDTH], count: 0 };
         self.lattice.walk(
             &ray,
             |block| self.occupied[block],
@@ -204,12 +207,12 @@ impl Grid {
 }
 
 /// Primitives to be tested together, all triangles or all spheres.
-struct Gathered {
+struct Together {
     ids: [u32; WIDTH],
     count: usize,
 }
 
-impl Gathered {
+impl Together {
     fn push(&mut self, id: u32, tester: &mut Tester, sieve: &Sieve) {
         let triangles = tester.surfaces.triangles.len() as u32;
         let is_other_kind = self.count > 0 && (self.ids[0] < triangles) != (id < triangles);

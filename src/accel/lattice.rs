@@ -20,6 +20,8 @@ const MOST_ALONG: f64 = 4096.0;
 const PAD: f64 = 1.0 / (1u64 << 30) as f64;
 /// How far beyond a hit cells are walked, in Q.
 const SLACK: f64 = 1.0 / (1u64 << 22) as f64;
+/// What the box of a span is grown by, in Q: more than the planes' crossings, the box's and the cell of a point are off from one another, and nothing beside a cell.
+const GROWN: f64 = 1.0 / (1u64 << 46) as f64;
 /// The farthest origin, in extents, for which cells are walked.
 const FARTHEST: f64 = (1u64 << 20) as f64;
 /// Cells along an edge of a block; a bit of a `u64` for each cell of it.
@@ -96,11 +98,22 @@ impl Lattice {
         ((z as usize * by as usize + y as usize) * bx as usize + x as usize, (k * BLOCK + j) * BLOCK + i)
     }
 
+    /// Where a plane between cells lies along an axis; 0 is the first.
+    #[inline]
+    pub fn plane(&self, axis: usize, number: i32) -> f64 {
+        self.low[axis] + f64::from(number) * self.size[axis]
+    }
+
+    /// The number along an axis of the cell that holds a coordinate, or would if there were cells all along it.
+    #[inline]
+    pub fn beside(&self, axis: usize, coordinate: f64) -> f64 {
+        ((coordinate - self.low[axis]) / self.size[axis]).floor()
+    }
+
     /// The cell along an axis that holds a coordinate; the nearest, if none does.
     #[inline]
     fn along(&self, axis: usize, coordinate: f64) -> u32 {
-        let cell = ((coordinate - self.low[axis]) / self.size[axis]).floor();
-        cell.clamp(0.0, f64::from(self.counts[axis] - 1)) as u32
+        self.beside(axis, coordinate).clamp(0.0, f64::from(self.counts[axis] - 1)) as u32
     }
 
     /// Calls `visit` with each cell whose grown box a primitive reaches, or may reach.
@@ -193,7 +206,8 @@ impl Lattice {
         mut visit: impl FnMut([u32; 3], usize) -> Option<f64>,
     ) {
         let (origin, direction) = (ray.origin, ray.direction);
-        let slack = (norm_max(origin) + self.extent) * SLACK;
+        let away = norm_max(origin) + self.extent;
+        let (slack, grown) = (away * SLACK, away * GROWN);
         let (mut enter, mut exit) = (ray.t_min - slack, ray.t_max + slack);
         // Plane p of an axis is crossed at zero + p * width.
         let (mut zero, mut width, mut per_length) = ([f64::INFINITY; 3], [0.0; 3], [0.0; 3]);
@@ -201,7 +215,7 @@ impl Lattice {
         let count = self.counts.map(|count| count as i32);
         for axis in 0..3 {
             per_length[axis] = 1.0 / self.size[axis];
-            let [low, high] = span[axis].map(|plane| self.low[axis] + f64::from(plane) * self.size[axis]);
+            let [low, high] = span[axis].map(|plane| self.plane(axis, plane));
             let (first, last) = (low - origin[axis], high - origin[axis]);
             if !moves(direction[axis]) {
                 if first > slack || last < -slack {
@@ -215,7 +229,8 @@ impl Lattice {
             let inverse = 1.0 / direction[axis];
             (zero[axis], width[axis]) =
                 ((self.low[axis] - origin[axis]) * inverse, self.size[axis] * inverse);
-            let (first, last) = (first * inverse, last * inverse);
+            // Of a ray that hardly moves along this axis the slack of t is less than rounding moves the planes.
+            let (first, last) = ((first - grown) * inverse, (last + grown) * inverse);
             enter = enter.max(first.min(last) - slack);
             exit = exit.min(first.max(last) + slack);
         }

@@ -413,12 +413,8 @@ impl Sink for Leg<'_> {
     /// Takes in a ray that was made here, in this rank's ids.
     fn push(&mut self, record: RayRecord) {
         self.counts[record.made_by() as usize] += 1;
-        let made = Progress::new(self.relay.rank);
-        match self.relay.guide.next(&record.ray(), f64::INFINITY, &made) {
-            Some(rank) if rank == self.relay.rank => self.scratch.own.push(record.stream, record),
-            Some(rank) => self.exit.send(rank, self.departing(&record)),
-            None => self.shade(&record, &Answer::MISS),
-        }
+        // Where it was made it asks first.
+        self.scratch.own.push(record.stream, record);
     }
 
     fn deposit(&mut self, record: &RayRecord, radiance: Color) {

@@ -51,11 +51,12 @@ impl SharedFilm {
 
     /// The film as it is now that all threads are done.
     pub fn into_film(self) -> Film {
-        let stripes = self
-            .stripes
-            .into_iter()
-            .map(|stripe| stripe.into_inner().unwrap_or_else(PoisonError::into_inner));
-        Film::of(self.crop, self.planes, stripes.flatten().collect())
+        let pixels = self.crop.width() as usize * self.crop.height() as usize;
+        let mut cells = Vec::with_capacity(pixels * self.planes);
+        for stripe in self.stripes {
+            cells.extend(stripe.into_inner().unwrap_or_else(PoisonError::into_inner));
+        }
+        Film::of(self.crop, self.planes, cells)
     }
 }
 

@@ -43,7 +43,7 @@ impl Bundle {
         mut open: u32,
     ) -> bool {
         if !are_spheres {
-            open = self.not_beyond(batch.walked.extent, lane, block, open);
+            open = self.not_beyond(batch.walked.starts_extent, lane, block, open);
             if open == 0 {
                 return false;
             }
@@ -74,7 +74,7 @@ impl Bundle {
     /// Which of these triangles aren't surely met beyond all that counts. A shadow ray ends just before the lamp it goes to: it needs no more than this to pass it.
     ///
     /// t is that of `triangle::intersect` wherever the plane is neither grazed nor so near to the origin that a start on a surface matters.
-    fn not_beyond(&self, extent: f64, lane: usize, block: &Block, mut open: u32) -> u32 {
+    fn not_beyond(&self, starts_extent: f64, lane: usize, block: &Block, mut open: u32) -> u32 {
         let exact = &self.exact;
         let t_best = self.t_best(lane);
         // How far the start's own triangle reaches is known of those of this part alone.
@@ -82,7 +82,7 @@ impl Bundle {
             return open;
         }
         let [origin, direction] = exact.line(lane);
-        let radius = 2.0 * RADIUS * (norm_max(origin) + extent);
+        let radius = 2.0 * RADIUS * (norm_max(origin) + starts_extent);
         let mut left = open;
         while left != 0 {
             let k = left.trailing_zeros() as usize;

@@ -89,7 +89,7 @@ impl Decisions {
             return;
         }
         if any_candidate {
-            self.decide(bundle, batch.walked.extent);
+            self.decide(bundle, batch.walked.starts_extent);
         }
         for lane in 0..count {
             let candidate = bundle.candidate[lane];
@@ -119,7 +119,7 @@ impl Decisions {
 
     /// `triangle::intersect` and `triangle::barycentrics`, operation by operation.
     #[inline(always)]
-    fn decide(&mut self, bundle: &Bundle, extent: f64) {
+    fn decide(&mut self, bundle: &Bundle, starts_extent: f64) {
         let exact = &bundle.exact;
         let [[x0, y0, z0], [x1, y1, z1], [x2, y2, z2]] = &self.corners;
         let ([ox, oy, oz], [dx, dy, dz]) = (&exact.origin, &exact.direction);
@@ -174,7 +174,7 @@ impl Decisions {
             let size =
                 ((e1[0].abs() + e1[1].abs()) + e1[2].abs()) * ((e2[0].abs() + e2[1].abs()) + e2[2].abs());
             let away = larger(larger(origin[0].abs(), origin[1].abs()), origin[2].abs());
-            let radius = 2.0 * RADIUS * (away + extent);
+            let radius = 2.0 * RADIUS * (away + starts_extent);
             let doubt_u = 2.0 * radius * ((cx - bx).abs() + (cy - by).abs());
             let doubt_v = 2.0 * radius * ((ax - cx).abs() + (ay - cy).abs());
             let doubt_w = 2.0 * radius * ((bx - ax).abs() + (by - ay).abs());

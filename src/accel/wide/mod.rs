@@ -65,6 +65,8 @@ pub struct Wide {
     /// Corners of the box around everything.
     pub low: [f32; 3],
     pub high: [f32; 3],
+    /// The largest magnitude of a coordinate of what rays may start on, if that is more than what the tree is over.
+    pub starts_extent: f64,
 }
 
 /// Runs what is compiled for a level, which the processor must have.
@@ -120,7 +122,7 @@ impl Wide {
     fn of(binary: &Bvh2, ids: &[u32], surfaces: &Surfaces) -> Wide {
         let tree = collapse::collapse(binary, ids, surfaces);
         let root = &binary.nodes[0];
-        Wide { tree, low: root.min.to_array(), high: root.max.to_array() }
+        Wide { tree, low: root.min.to_array(), high: root.max.to_array(), starts_extent: 0.0 }
     }
 
     /// Bytes of nodes and blocks.
@@ -174,8 +176,9 @@ impl Wide {
             return;
         }
         let extent = self.low.iter().chain(&self.high).fold(0.0, |m: f64, c| m.max(f64::from(c.abs())));
-        let (tree, low, high) = (self.tree.view(), self.low, self.high);
-        let walked = Walked { tree, surfaces, extent, low, high, cells: None };
+        let (tree, low, high, starts_extent) =
+            (self.tree.view(), self.low, self.high, self.starts_extent.max(extent));
+        let walked = Walked { tree, surfaces, extent, starts_extent, low, high, cells: None };
         SCRATCH.with_borrow_mut(|scratch| {
             // SAFETY: levels that the processor lacks are never chosen, and refused by `trace_at`.
             unsafe { at_level!(level, I => walk::walk::<I>(&walked, traversal, questions, answers, scratch)) }
@@ -196,11 +199,12 @@ pub fn through_cells(
     alone: &mut Vec<usize>,
 ) {
     assert!(level.is_available(), "{} isn't there", level.name());
-    let Lattice { low, size, counts, extent } = *cells.lattice;
-    let high: [f64; 3] = std::array::from_fn(|axis| low[axis] + f64::from(counts[axis]) * size[axis]);
-    let (low, high) = (low.map(round_down), high.map(round_up));
+    let Lattice { low, counts, extent, .. } = *cells.lattice;
+    let high = std::array::from_fn(|axis| round_up(cells.lattice.plane(axis, counts[axis] as i32)));
+    let low = low.map(round_down);
     let tree = TreeView { nodes: &[], blocks: &[], stack_size: 0 };
-    let walked = Walked { tree, surfaces, extent, low, high, cells: Some(cells) };
+    let starts_extent = cells.starts_extent.max(extent);
+    let walked = Walked { tree, surfaces, extent, starts_extent, low, high, cells: Some(cells) };
     SCRATCH.with_borrow_mut(|scratch| {
         // SAFETY: asked above.
         unsafe {

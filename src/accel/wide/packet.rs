@@ -14,7 +14,7 @@ use super::walk::{Instructions, Scratch};
 
 /// Fewer rays of a class are no packet.
 const LEAST: u32 = 12;
-/// The same where cells are walked, of which a ray alone takes one after the other.
+/// The same in a grid, where a ray alone is slower still.
 const LEAST_OF_CELLS: u32 = 4;
 /// At a node that no more rays than this enter, they go on alone.
 const ALONE: u32 = 6;

@@ -13,6 +13,8 @@ pub struct Walked<'a> {
     pub surfaces: &'a Surfaces,
     /// The largest magnitude of a coordinate of the boxes.
     pub extent: f64,
+    /// The same of all that rays may start on.
+    pub starts_extent: f64,
     /// Corners of the scene's box.
     pub low: [f32; 3],
     pub high: [f32; 3],

@@ -3,13 +3,13 @@
 //!
 //! Every point where a ray may meet something lies in a cell whose list has it (`lattice`); the cells of a slice that are looked into hold the part of each ray between the slice's planes,
 //! which is known to within 11uL for what rounding does to the ray (`filter`), 2uL for the planes, and 6uL for the numbers of the cells: all in all less than the 24uL by which the
-//! part is grown. A primitive is tested once, against all rays that still want what lies in that slice or behind it, wherever it is.
+//! part is grown (and four times what moving origins from far outside costs). A primitive is tested once, against all rays that still want what lies in that slice or behind it, wherever it is.
 
 use super::bundle::{Bundle, RAYS, axes};
 use super::lanes::Vector;
 use super::packet::{Packet, group_mask};
 use super::questions::{Batch, Questions, Walked};
-use super::tree::{Block, LEAF, SPHERES, TreeView, WIDTH, put};
+use super::tree::{Block, LEAF, SPHERE_CANDIDATE, SPHERES, TreeView, WIDTH, block_number, put};
 use super::walk::{Instructions, Scratch};
 use crate::accel::lattice::{BLOCK, Lattice};
 use crate::scene::Surfaces;
@@ -23,6 +23,8 @@ pub struct Cells<'c> {
     pub primitives: &'c [u32],
     /// For each block of cells which of them have something.
     pub occupied: &'c [u64],
+    /// The largest magnitude of a coordinate of what rays may start on, if that is more than what is in the cells.
+    pub starts_extent: f64,
 }
 
 /// Most cells of a slice that rays may reach and still are a packet.
@@ -30,7 +32,7 @@ const WIDEST: i32 = 48;
 /// Places of the table of primitives that a packet has met.
 const REMEMBERED: usize = 1024;
 
-/// Primitives that the packets of a bundle have met, as blocks.
+/// Primitives that the packets of a bundle have met, as blocks: those of candidates, and the newest.
 pub struct Gathered {
     blocks: Vec<Block>,
     /// The blocks that are being filled, of triangles and of spheres, and how many primitives they have.
@@ -66,7 +68,7 @@ impl Gathered {
         }
     }
 
-    /// Adds a primitive unless the packet has met it; a full block is what comes of it now and then.
+    /// Adds a primitive unless the packet has met it. A block that is full by that is named as a child of a node would be.
     #[inline(always)]
     fn add(&mut self, surfaces: &Surfaces, id: u32) -> Option<u32> {
         let met = &mut self.met[id as usize % REMEMBERED];
@@ -82,7 +84,7 @@ impl Gathered {
         if *count == WIDTH { self.close(kind) } else { None }
     }
 
-    /// Closes a block that is being filled: as a child of a node names it.
+    /// Closes a block that is being filled, if there is something in it, and names it as a child of a node would be.
     #[inline(always)]
     fn close(&mut self, kind: usize) -> Option<u32> {
         let (block, count) = &mut self.open[kind];
@@ -212,7 +214,7 @@ impl Packet {
         batch: &Batch<impl Questions + ?Sized>,
         child: u32,
         rays: u64,
-        gathered: &Gathered,
+        gathered: &mut Gathered,
         scratch: &mut Scratch,
     ) {
         let walked = Walked { tree: gathered.view(), ..*batch.walked };
@@ -221,6 +223,15 @@ impl Packet {
         let rays = rays & !scratch.bundles[self.number].found;
         // SAFETY: the caller's promise.
         unsafe { self.visit::<I>(&batch, child, rays, scratch) };
+        // Only blocks of candidates are asked for again.
+        let number = block_number(child);
+        let mut is_named = false;
+        for candidate in &scratch.bundles[self.number].candidate {
+            is_named |= (candidate & !SPHERE_CANDIDATE) >> 3 == number;
+        }
+        if !is_named {
+            gathered.blocks.pop();
+        }
     }
 }
 
@@ -228,16 +239,14 @@ impl Way<'_> {
     /// Where a plane of the lattice is along an axis.
     #[inline(always)]
     fn plane(&self, axis: usize, number: i32) -> f32 {
-        let lattice = self.cells.lattice;
-        (lattice.low[axis] + f64::from(number) * lattice.size[axis]) as f32
+        self.cells.lattice.plane(axis, number) as f32
     }
 
     /// Cells along an axis, unclamped, from its least to its largest coordinate.
     #[inline(always)]
     fn along(&self, axis: usize, [least, most]: [f32; 2]) -> [i32; 2] {
-        let Lattice { low, size, .. } = self.cells.lattice;
         // Casts saturate.
-        let at = |coordinate: f32| ((f64::from(coordinate) - low[axis]) / size[axis]).floor() as i32;
+        let at = |coordinate: f32| self.cells.lattice.beside(axis, f64::from(coordinate)) as i32;
         [at(least - self.pad), at(most + self.pad)]
     }
 
@@ -256,7 +265,8 @@ impl Way<'_> {
         if self.forwards { first.max(0) } else { last.min(most) }
     }
 
-    /// The rays that still want what lies in these slices, the nearer named first, or beyond; and the cells along the minor axes that those of them reach that have begun, if there are any.
+    /// The rays that still want what lies in slices `first` to `last`, in the order in which rays come to them, or beyond; and the cells along the minor axes that those of
+    /// these rays reach that have begun, if there are any.
     ///
     /// # Safety
     /// The level's instructions are there.

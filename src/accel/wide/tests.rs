@@ -175,7 +175,7 @@ proptest! {
         towards in prop::array::uniform3(-0.5f64..0.5),
         spread in prop_oneof![Just(0.1), Just(0.4), Just(1.0), Just(2.0)],
         jitters in prop::collection::vec(prop::array::uniform3(-64i8..64), 20..150),
-        far in prop_oneof![Just(1.0), Just(1.0), Just(1e4)],
+        far in prop_oneof![Just(1.0), Just(1.0), Just(1e4), Just(1e8)],
     ) {
         let mut rays = beam(&surfaces, DVec3::from(from) * far, DVec3::from(towards), spread, &jitters);
         let closest: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
@@ -186,8 +186,12 @@ proptest! {
             Ray { origin, direction: light + DVec3::splat(0.125) - origin, t_max: 1.0, start: hit.primitive, ..*ray }
         }).filter(|ray| ray.direction != DVec3::ZERO).collect();
         let limited: Vec<Ray> = rays.iter().zip(&closest).map(|(ray, hit)| Ray { t_max: hit.t, ..*ray }).collect();
+        let beyond: Vec<Ray> = rays.iter().zip(&closest).filter(|(_, hit)| hit.is_hit()).map(|(ray, hit)| {
+            Ray { t_min: hit.t, first_id: hit.primitive + 1, ..*ray }
+        }).collect();
         rays.extend(spawned);
         rays.extend(limited);
+        rays.extend(beyond);
         let truth: Vec<Answer> = rays.iter().map(|ray| Accel::Brute.closest(&surfaces, ray)).collect();
         let mut answers = vec![Answer::MISS; rays.len()];
         let levels = || Level::ALL.into_iter().filter(|level| level.is_available());
@@ -250,6 +254,29 @@ fn no_more_leaves_than_allowed_and_each_primitive_in_one_at_least() {
         }
     }
     assert!(seen.iter().all(|&count| count >= 1) && seen.iter().any(|&count| count > 1));
+}
+
+#[test]
+fn a_cell_of_very_many_primitives_takes_no_memory_for_most_of_them() {
+    let surfaces = sphere_with_sails();
+    let grid = Grid::build(&surfaces, 1e-9);
+    assert_eq!(grid.lattice.counts, [1; 3]);
+    let rays: Vec<Ray> = (0..64)
+        .map(|k| {
+            let aside = DVec3::new(f64::from(k % 8), f64::from(k / 8), 0.0) / 32.0;
+            let (origin, direction) = (DVec3::new(0.1, 0.2, -5.0), aside + DVec3::new(-0.1, -0.1, 1.0));
+            Ray { origin, direction, t_min: 0.0, t_max: f64::INFINITY, first_id: 0, start: NONE }
+        })
+        .collect();
+    let mut answers = vec![Answer::MISS; rays.len()];
+    grid.trace(Level::chosen(), &surfaces, &(rays.as_slice(), false), &mut answers);
+    for (answer, ray) in answers.iter().zip(&rays) {
+        assert_eq!(*answer, Accel::Brute.closest(&surfaces, ray));
+    }
+    SCRATCH.with_borrow(|scratch| {
+        let kept = scratch.gathered.as_ref().expect("the rays are a packet").view().blocks.len();
+        assert!((1..1000).contains(&kept), "{kept} blocks of {}", surfaces.len() / 8);
+    });
 }
 
 #[test]

@@ -158,7 +158,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
 /// The memory for copies of hot blocks, where there are blocks.
 pub(super) fn replicates(asked: Option<Copies>, split: Split) -> Result<Option<u64>> {
     match asked {
-        Some(_) if split != Split::Voxels => Err(Error::usage(
+        Some(Copies(Some(_))) if split != Split::Voxels => Err(Error::usage(
             "--replicate-hot",
             "only blocks of voxels are replicated, which this --split has none of",
             "leave it (HELIOSTAT_REPLICATE_HOT, too) out, or give --split voxels",
