@@ -214,7 +214,7 @@ impl RunSettings {
     /// Enough for a million rays.
     pub const RAY_MEMORY: u64 = 256 << 20;
     /// What the program gives to copies of hot blocks unless told otherwise: small scenes are copied whole.
-    pub const REPLICATE_HOT: u64 = 64 << 20;
+    pub const REPLICATE_HOT: u64 = 32 << 20;
 }
 
 impl Default for RunSettings {

@@ -25,7 +25,7 @@ pub struct Args {
     /// How many ranks --split is asked about
     #[arg(long, value_name = "N", requires = "split", value_parser = clap::value_parser!(u32).range(1..=65536))]
     ranks: Option<u32>,
-    /// Memory of each rank for copies of hot blocks, as of render with the hierarchy [default: 64M]
+    /// Memory of each rank for copies of hot blocks, as of render with the hierarchy [default: 32M]
     #[arg(long, value_name = "BYTES", requires = "split", value_parser = copies)]
     replicate_hot: Option<Copies>,
 }

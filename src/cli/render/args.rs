@@ -97,7 +97,7 @@ pub struct Args {
     /// Memory of each rank for rays that travel, with --split triangles or voxels; more rays wait in temporary files
     #[arg(long, value_name = "BYTES", env = "HELIOSTAT_RAY_MEMORY", default_value = "256M", value_parser = bytes, help_heading = "Run")]
     pub(super) ray_memory: u64,
-    /// Memory of each rank, about, for copies of the blocks that most rays come to and all textures, beside its own part, with --split voxels; `none` copies nothing; --stats tells what was copied; never changes a byte of the image [default: 64M]
+    /// Memory of each rank, about, for copies of the blocks that most rays come to and all textures, beside its own part, with --split voxels; `none` copies nothing; --stats tells what was copied; never changes a byte of the image [default: 32M]
     #[arg(long, value_name = "BYTES", env = "HELIOSTAT_REPLICATE_HOT", value_parser = copies, help_heading = "Run")]
     pub(super) replicate_hot: Option<Copies>,
     /// How the threads of a rank divide its work; never changes a byte of the image
