@@ -39,15 +39,8 @@ impl Divided {
         // Rays start on what is in other parts, too.
         let starts_extent = extent(surfaces, &solid(surfaces));
         let runs = runs(surfaces, parts);
-        let mut parts: Vec<Part> =
-            runs.into_iter().map(|ids| Part::build(kind, build, surfaces, ids)).collect();
-        for part in &mut parts {
-            match &mut part.accel {
-                Accel::Bvh(wide) => wide.starts_extent = starts_extent,
-                Accel::Grid(grid) => grid.starts_extent = starts_extent,
-                _ => {}
-            }
-        }
+        let part = |ids| Part::build(kind, build, surfaces, ids, starts_extent);
+        let parts = runs.into_iter().map(part).collect();
         Divided { kind, parts }
     }
 
@@ -78,10 +71,20 @@ impl Divided {
 }
 
 impl Part {
-    fn build(kind: AccelKind, build: BuildSettings, surfaces: &Surfaces, ids: Vec<u32>) -> Part {
+    fn build(
+        kind: AccelKind,
+        build: BuildSettings,
+        surfaces: &Surfaces,
+        ids: Vec<u32>,
+        starts_extent: f64,
+    ) -> Part {
         let accel = match kind {
-            AccelKind::Bvh => Accel::Bvh(Wide::build_over(surfaces, &ids, build.preset)),
-            AccelKind::Grid => Accel::Grid(Grid::build_over(surfaces, &ids, build.grid_density)),
+            AccelKind::Bvh => {
+                Accel::Bvh(Wide { starts_extent, ..Wide::build_over(surfaces, &ids, build.preset) })
+            }
+            AccelKind::Grid => {
+                Accel::Grid(Grid { starts_extent, ..Grid::build_over(surfaces, &ids, build.grid_density) })
+            }
             AccelKind::Spheres => Accel::Spheres(Spheres::build_over(surfaces, &ids)),
             AccelKind::Brute => return Part { accel: Accel::Brute, ids },
         };

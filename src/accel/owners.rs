@@ -73,9 +73,8 @@ struct Search<'s> {
     far: [usize; 3],
     t_min: f32,
     t_max: f32,
-    /// Where the box of the nearest block found is entered.
-    nearest: f32,
-    found: Option<u32>,
+    /// Where the box of the nearest block found is entered, and that block.
+    found: Option<(f32, u32)>,
     /// The ray's end, in units of its direction.
     end: f64,
     /// The ray made ready to walk through voxels, once it has to.
@@ -136,7 +135,7 @@ impl OwnerTree {
         let root = self.nodes.first()?;
         let mut search = Search::new(self, voxels, ray, t_best, wanted);
         search.visit(root);
-        search.found.map(|block| block as usize)
+        search.found.map(|(_, block)| block as usize)
     }
 }
 
@@ -201,7 +200,6 @@ impl<'s> Search<'s> {
             far: [3, 4, 5],
             t_min: round_down(t_min),
             t_max: round_up(t_max),
-            nearest: f32::INFINITY,
             found: None,
             end,
             prepared: None,
@@ -255,7 +253,7 @@ impl<'s> Search<'s> {
             count += 1;
         }
         for lane in order[..count].iter().map(|&lane| usize::from(lane)) {
-            if enter[lane] >= self.nearest && self.found.is_some() {
+            if self.found.is_some_and(|(nearest, _)| enter[lane] >= nearest) {
                 return;
             }
             let (tree, child) = (self.tree, node.children[lane]);
@@ -265,7 +263,7 @@ impl<'s> Search<'s> {
             }
             let leaf = &tree.leaves[(child & !LEAF) as usize];
             if self.comes_through(leaf) {
-                (self.nearest, self.found) = (enter[lane], Some(leaf.block));
+                self.found = Some((enter[lane], leaf.block));
                 return;
             }
         }

@@ -38,9 +38,7 @@ impl Cell {
     }
 
     fn deposit(&mut self, radiance: Color) {
-        for (sum, value) in self.sum.iter_mut().zip(radiance) {
-            *sum = sum.saturating_add(to_fixed(value));
-        }
+        self.merge(&Cell::of(radiance));
     }
 
     pub fn merge(&mut self, other: &Cell) {

@@ -156,16 +156,17 @@ impl Packet {
             let bundle = &*scratch.bundles[self.number];
             let alive = self.lanes & !bundle.found;
             // A layer of blocks at once, where one begins.
-            let layer = slice / edge * edge;
-            let layer_end = if forwards { (layer + edge - 1).min(last_slice) } else { layer };
+            let layer = slice / edge;
+            let [low, high] = [layer * edge, (layer * edge + edge - 1).min(last_slice)];
+            let layer_ends @ [layer_begin, layer_end] = if forwards { [low, high] } else { [high, low] };
             // SAFETY: the caller's promise.
             unsafe {
-                if slice == if forwards { layer } else { (layer + edge - 1).min(last_slice) } {
-                    let (wanting, reach) = way.reach::<I::Most>(bundle, alive, [slice, layer_end]);
+                if slice == layer_begin {
+                    let (wanting, reach) = way.reach::<I::Most>(bundle, alive, layer_ends);
                     if wanting == 0 {
                         break;
                     }
-                    if !reach.is_some_and(|reach| way.is_occupied(reach, layer / edge)) {
+                    if !reach.is_some_and(|reach| way.is_occupied(reach, layer)) {
                         slice = layer_end + step;
                         continue;
                     }
