@@ -26,6 +26,7 @@ pub mod output;
 pub mod render;
 pub mod scene;
 pub mod settings;
+pub mod simd;
 pub mod transport;
 pub mod wire;
 

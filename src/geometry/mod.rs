@@ -3,6 +3,7 @@
 //! Vertices and boxes are f32, rays are f64. [`triangle::intersect`] and [`sphere::intersect`] are the definition of a
 //! hit; every structure and kernel answers exactly as they do. Nothing here fuses multiply and add.
 
+pub mod angle;
 pub mod bounding;
 pub mod bounds;
 pub mod position;
@@ -106,23 +107,35 @@ pub fn round_up(t: f64) -> f32 {
 
 /// The power of two that brings a positive number into [1, 2), and its inverse. Denormals come as near as the
 /// exponents of f64 allow.
-#[inline]
+#[inline(always)]
 fn normalising_power(x: f64) -> (f64, f64) {
     let exponent = ((x.to_bits() >> 52) & 0x7ff).clamp(1, 2045);
     (f64::from_bits((2046 - exponent) << 52), f64::from_bits(exponent << 52))
 }
 
-#[inline]
+/// Which of the three belongs to the axis of a direction's largest component.
+#[inline(always)]
+pub(crate) fn of_axis<T>(along_x: bool, along_y: bool, [x, y, z]: [T; 3]) -> T {
+    if along_x {
+        x
+    } else if along_y {
+        y
+    } else {
+        z
+    }
+}
+
+#[inline(always)]
 pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-#[inline]
+#[inline(always)]
 pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     (a[0] * b[0] + a[1] * b[1]) + a[2] * b[2]
 }
 
-#[inline]
+#[inline(always)]
 pub(crate) fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
@@ -134,7 +147,7 @@ pub(crate) fn norm_max(a: [f64; 3]) -> f64 {
 }
 
 /// Sum of magnitudes.
-#[inline]
+#[inline(always)]
 pub(crate) fn norm1(a: [f64; 3]) -> f64 {
     (a[0].abs() + a[1].abs()) + a[2].abs()
 }

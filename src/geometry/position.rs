@@ -5,13 +5,13 @@
 use glam::DVec3;
 
 /// The weights of a triangle's three vertices, from those of its second and third.
-#[inline]
+#[inline(always)]
 pub fn weights(u: f64, v: f64) -> [f64; 3] {
     [(1.0 - u) - v, u, v]
 }
 
 /// The point of a triangle that these weights name. [`Start`](super::start::Start) bounds how far it may lie off the true plane.
-#[inline]
+#[inline(always)]
 pub fn on_triangle(corners: [DVec3; 3], weights: [f64; 3]) -> DVec3 {
     (corners[0] * weights[0] + corners[1] * weights[1]) + corners[2] * weights[2]
 }

@@ -104,6 +104,7 @@ impl RayRecord {
     }
 
     /// Sets a shadow ray's stream: one for each of the first lights, then by turns.
+    #[inline]
     pub fn towards(&mut self, light: usize) {
         let others = Origin::Shadow as usize;
         self.stream = (others + light % (Self::STREAMS - others)) as u8;
@@ -114,10 +115,12 @@ impl RayRecord {
         RayRecord { t_min: answer.t, first_id: answer.primitive + 1, ..*self }
     }
 
+    #[inline]
     pub fn query(&self) -> Query {
         Self::QUERIES[usize::from(self.query)]
     }
 
+    #[inline]
     pub fn made_by(&self) -> Origin {
         Self::ORIGINS[usize::from(self.made_by)]
     }
@@ -152,6 +155,7 @@ pub struct Answer {
 impl Answer {
     pub const MISS: Answer = Answer { t: f64::INFINITY, u: 0.0, v: 0.0, primitive: NONE, _pad: 0 };
 
+    #[inline]
     pub fn is_hit(&self) -> bool {
         self.primitive != NONE
     }

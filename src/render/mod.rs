@@ -20,7 +20,7 @@ use crate::geometry::record::{Answer, RayRecord};
 use crate::render::rounds::{Activity, Round};
 use crate::scene::{Color, Scene};
 use crate::settings::ImageSettings;
-use crate::transport::{Sink, Transport};
+use crate::transport::{Scratch, Sink, Transport};
 use film::TileFilm;
 use filter::FilterTable;
 use streams::Streams;
@@ -99,7 +99,7 @@ impl<'a> Renderer<'a> {
     /// Traces camera rays and all that grows from them, stream by stream.
     fn trace_to_end(&self, mut cameras: impl Iterator<Item = RayRecord>, film: &mut TileFilm) -> RayCounts {
         let mut counts = RayCounts::default();
-        let mut waiting = Streams::default();
+        let (mut waiting, mut scratch) = (Streams::default(), Scratch::default());
         let mut wave = Vec::with_capacity(BATCH);
         let mut answers: Vec<Answer> = Vec::with_capacity(BATCH);
         loop {
@@ -120,8 +120,9 @@ impl<'a> Renderer<'a> {
                 {
                     film.add_features(record, &features);
                 }
-                self.transport.advance(record, answer, &mut Split { waiting: &mut waiting, film });
             }
+            let out = &mut Split { waiting: &mut waiting, film };
+            self.transport.advance_all(&wave, &answers, &mut scratch, out);
         }
     }
 

@@ -58,18 +58,13 @@ impl Emitter {
     }
 
     fn aim_at_triangle(&self, corners: &[[f32; 3]; 3], from: DVec3, u: f64, v: f64) -> Option<Aim> {
-        let [a, b, c] = points(corners);
-        // Heitz 2019, "A Low-Distortion Map Between Triangle and Square".
-        let (second, third) = if v > u { (0.5 * u, v - 0.5 * u) } else { (u - 0.5 * v, 0.5 * v) };
-        let direction = ((b - a) * second + (c - a) * third) + (a - from);
-        let facing = direction.dot(normal(corners));
+        let corners = points(corners);
+        let Towards { direction, facing, pdf } = Towards::triangle(&corners, from, u, v);
         if facing == 0.0 || (facing > 0.0 && !self.both_sides) {
             return None;
         }
-        let length = direction.length();
         let ray = line(from, direction);
-        let hit = triangle::intersect(&ray, &[a.to_array(), b.to_array(), c.to_array()])?;
-        let pdf = 2.0 * length * length * length / facing.abs();
+        let hit = triangle::intersect(&ray, &corners.map(|corner| corner.to_array()))?;
         Some(Aim { direction, t_max: (hit.t * ray.scale).next_down(), pdf }).filter(Aim::is_sound)
     }
 
@@ -93,6 +88,28 @@ impl Emitter {
         let t = sphere::first(&ray, sphere.center.map(f64::from), radius, 0)?;
         Some(Aim { direction, t_max: (t * ray.scale).next_down(), pdf: 1.0 / solid_angle })
             .filter(Aim::is_sound)
+    }
+}
+
+/// A direction, not normalised, to a chosen point on a triangle.
+pub struct Towards {
+    pub direction: DVec3,
+    /// Along the geometric normal: negative towards the side that it points to.
+    pub facing: f64,
+    /// As [`Aim::pdf`].
+    pub pdf: f64,
+}
+
+impl Towards {
+    /// The point is chosen evenly over the area (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
+    #[inline(always)]
+    pub fn triangle(corners: &[DVec3; 3], from: DVec3, u: f64, v: f64) -> Towards {
+        let [a, b, c] = *corners;
+        let (second, third) = if v > u { (0.5 * u, v - 0.5 * u) } else { (u - 0.5 * v, 0.5 * v) };
+        let direction = ((b - a) * second + (c - a) * third) + (a - from);
+        let facing = direction.dot((b - a).cross(c - a));
+        let length = direction.length();
+        Towards { direction, facing, pdf: 2.0 * length * length * length / facing.abs() }
     }
 }
 

@@ -69,6 +69,21 @@ impl Default for Material {
 }
 
 impl Material {
+    /// Whether it does nothing but reflect light evenly in all directions.
+    #[inline]
+    pub fn is_matt(&self) -> bool {
+        let is_black = |color: &Color| color[0] == 0.0 && color[1] == 0.0 && color[2] == 0.0;
+        self.physical.is_none()
+            && [&self.ks, &self.kr, &self.kt, &self.emission].into_iter().all(is_black)
+            && self.reflectivity == 0.0
+    }
+
+    /// Radiance that it sends to a side: that which its geometric normal points to, or the other.
+    #[inline]
+    pub fn emitted(&self, outside: bool) -> Color {
+        if outside || !self.one_sided { self.emission } else { [0.0; 3] }
+    }
+
     /// Whether light passes through, so that a shadow ray has to go on.
     pub fn is_transparent(&self) -> bool {
         self.kt != [0.0; 3]

@@ -4,6 +4,7 @@
 //! Shading is done in f64.
 
 pub mod bsdf;
+mod lanes;
 mod path;
 mod phong;
 pub mod sampler;
@@ -22,6 +23,13 @@ pub trait Sink {
     fn push(&mut self, record: RayRecord);
     /// Linear RGB radiance for the record's pixel and film plane.
     fn deposit(&mut self, record: &RayRecord, radiance: Color);
+}
+
+/// What is kept between batches.
+#[derive(Default)]
+pub struct Scratch {
+    matt: Box<lanes::matt::Matt>,
+    glossy: Box<lanes::glossy::Glossy>,
 }
 
 /// A scene seen with the settings that decide how far light is followed.
@@ -57,6 +65,24 @@ impl<'a> Transport<'a> {
         }
     }
 
+    fn chances(&self) -> path::Chances {
+        path::Chances { direct: self.direct, roulette: self.roulette }
+    }
+
+    /// As [`advance`](Self::advance) for a batch of records.
+    pub fn advance_all(
+        &self,
+        records: &[RayRecord],
+        answers: &[Answer],
+        scratch: &mut Scratch,
+        out: &mut impl Sink,
+    ) {
+        match self.integrator {
+            Integrator::Whitted => whitted::advance_all(self, records, answers, &mut scratch.glossy, out),
+            Integrator::Path => path::advance_all(self, records, answers, &mut scratch.matt, out),
+        }
+    }
+
     /// Goes on from the answer to a record: deposits what is complete and pushes what must be traced. Pure but for `out`.
     pub fn advance(&self, record: &RayRecord, answer: &Answer, out: &mut impl Sink) {
         match self.integrator {
@@ -68,24 +94,24 @@ impl<'a> Transport<'a> {
 
 // Written out, as closures over arrays aren't always inlined.
 
-#[inline]
+#[inline(always)]
 fn add(a: Color, b: Color) -> Color {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-#[inline]
+#[inline(always)]
 fn times(a: Color, b: Color) -> Color {
     [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
 }
 
-#[inline]
+#[inline(always)]
 fn scaled(a: Color, factor: f64) -> Color {
     [a[0] * factor, a[1] * factor, a[2] * factor]
 }
 
 const BLACK: Color = [0.0; 3];
 
-#[inline]
+#[inline(always)]
 fn is_black(color: Color) -> bool {
     color[0] == 0.0 && color[1] == 0.0 && color[2] == 0.0
 }

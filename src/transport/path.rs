@@ -9,11 +9,13 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use super::bsdf::Bsdf;
+use super::lanes::matt::Matt;
 use super::sampler::Purpose;
 use super::surface::Interaction;
 use super::{Sink, Transport, is_black, scaled, times};
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
-use crate::scene::lighting::Choice;
+use crate::scene::lighting::{Choice, Chosen};
+use crate::scene::{Color, Scene};
 use crate::settings::Direct;
 
 pub fn advance(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut impl Sink) {
@@ -25,7 +27,80 @@ pub fn advance(transport: &Transport, record: &RayRecord, answer: &Answer, out: 
     }
 }
 
+/// Goes on from the answers to a batch of records, as [`advance`] does from each.
+pub fn advance_all(
+    transport: &Transport,
+    records: &[RayRecord],
+    answers: &[Answer],
+    matt: &mut Matt,
+    out: &mut impl Sink,
+) {
+    for (place, (record, answer)) in records.iter().zip(answers).enumerate() {
+        let is_hit = record.query() == Query::Closest && answer.is_hit();
+        if !is_hit || !matt.take(transport, place, record, answer) {
+            advance(transport, record, answer, out);
+        } else if matt.hits.is_full() {
+            matt.flush(transport, records, answers, out);
+        }
+    }
+    matt.flush(transport, records, answers, out);
+}
+
+/// How light is weighted and paths end.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Chances {
+    pub direct: Direct,
+    /// See [`ImageSettings::roulette`](crate::settings::ImageSettings::roulette).
+    pub roulette: u32,
+}
+
+/// No path goes on for sure once it may end.
+const MOST: f64 = 0.95;
+
+impl Chances {
+    /// What light that was chosen with the density `pdf` counts, where a bounce would have found it with `bsdf_pdf`.
+    #[inline(always)]
+    pub fn share(&self, pdf: f64, bsdf_pdf: f64) -> f64 {
+        match self.direct {
+            Direct::Both => weight(pdf, bsdf_pdf) / pdf,
+            Direct::Light | Direct::Bsdf => 1.0 / pdf,
+        }
+    }
+
+    /// Russian roulette: what a path that goes on carries, and whether it does, by a number in [0, 1).
+    #[inline(always)]
+    pub fn roulette(&self, bounce: u32, throughput: Color, number: f64) -> (Color, bool) {
+        let [r, g, b] = throughput;
+        let larger = |a: f64, b: f64| if a > b { a } else { b };
+        let most = larger(larger(r, g), b);
+        let chance = if most < MOST { most } else { MOST };
+        if bounce >= self.roulette {
+            (scaled(throughput, 1.0 / chance), number < chance)
+        } else {
+            (throughput, true)
+        }
+    }
+}
+
+/// The light that three numbers in [0, 1) choose, and a point of the unit square that names one on it. `None` where nothing shines.
+pub(super) fn choose_light(scene: &Scene, [a, b, c]: [f64; 3]) -> Option<(Chosen<'_>, [f64; 2])> {
+    // Of few lights the number that chose one still has digits enough for a point on it.
+    let few = scene.header.emitters.len() + scene.header.lights.len() < 64;
+    let chosen = scene.choose_light(if few { a } else { c })?;
+    let first = if few { chosen.rest } else { a };
+    Some((chosen, [first, b]))
+}
+
+/// A hit's shadow ray alone, of a smooth surface that doesn't shine.
+pub(super) fn light_of(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut impl Sink) {
+    let hit = Interaction::new(transport.scene, record, answer);
+    let frame = Frame::at(&hit, DVec3::from(record.direction));
+    let bsdf = Bsdf::new(hit.material, hit.diffuse_tint, hit.entering);
+    light(transport, record, &hit, &frame, &bsdf, transport.sampler.bounce(record, Purpose::Light), out);
+}
+
 /// The weight of light that a bounce found and that might have been chosen, or the other way round (power heuristic).
+#[inline(always)]
 fn weight(own: f64, other: f64) -> f64 {
     if own.is_infinite() {
         return 1.0;
@@ -107,9 +182,8 @@ struct Frame {
 }
 
 impl Frame {
-    /// Of the shading normal, or, where that faces away from the viewer, of the geometric one.
     fn at(hit: &Interaction, direction: DVec3) -> Self {
-        let normal = if direction.dot(hit.normal) < 0.0 { hit.normal } else { hit.geometric };
+        let normal = frame_normal(hit.normal, hit.geometric, direction);
         let (across, along) = normal.any_orthonormal_pair();
         let mut frame = Frame { across, along, normal, wo: DVec3::ZERO };
         frame.wo = frame.local(-direction);
@@ -121,8 +195,19 @@ impl Frame {
     }
 
     fn world(&self, v: DVec3) -> DVec3 {
-        (self.across * v.x + self.along * v.y) + self.normal * v.z
+        to_world(self.across, self.along, self.normal, v)
     }
+}
+
+/// The shading normal, or, where that faces away from the viewer, the geometric one.
+#[inline(always)]
+pub(super) fn frame_normal(normal: DVec3, geometric: DVec3, direction: DVec3) -> DVec3 {
+    if direction.dot(normal) < 0.0 { normal } else { geometric }
+}
+
+#[inline(always)]
+pub(super) fn to_world(across: DVec3, along: DVec3, normal: DVec3, v: DVec3) -> DVec3 {
+    (across * v.x + along * v.y) + normal * v.z
 }
 
 /// Whether a direction lies on the same side of the surface by both normals: z is that along the shading normal.
@@ -141,10 +226,7 @@ fn light(
     out: &mut impl Sink,
 ) {
     let scene = transport.scene;
-    // Of few lights the number that chose one still has digits enough for a point on it.
-    let few = scene.header.emitters.len() + scene.header.lights.len() < 64;
-    let Some(chosen) = scene.choose_light(if few { a } else { c }) else { return };
-    let point = [if few { chosen.rest } else { a }, b];
+    let Some((chosen, point)) = choose_light(scene, [a, b, c]) else { return };
     // Towards the light, the shadow ray's end, what comes from there, and the density of the choice: infinite where there is no other direction.
     let (direction, t_max, radiance, pdf) = match chosen.light {
         Choice::Light(light) => {
@@ -173,11 +255,8 @@ fn light(
         return;
     }
     let (value, bsdf_pdf) = bsdf.evaluate(frame.wo, wi);
-    let share = match transport.direct {
-        _ if pdf.is_infinite() => 1.0 / chosen.chance,
-        Direct::Both => weight(pdf, bsdf_pdf) / pdf,
-        Direct::Light | Direct::Bsdf => 1.0 / pdf,
-    };
+    let share =
+        if pdf.is_infinite() { 1.0 / chosen.chance } else { transport.chances().share(pdf, bsdf_pdf) };
     let throughput = scaled(times(times(record.throughput, value), radiance), share);
     if !is_black(throughput) {
         let mut ray = record.onward(hit.position, hit.primitive, direction, Query::Occluded, Origin::Shadow);
@@ -203,15 +282,9 @@ fn go_on(
     if !agrees(hit, direction, scattered.wi.z) {
         return;
     }
-    let mut throughput = times(record.throughput, scattered.weight);
-    if record.bounce >= transport.roulette {
-        let chance = throughput.iter().fold(0.0, |most: f64, &c| most.max(c)).min(0.95);
-        if chance_number >= chance {
-            return;
-        }
-        throughput = scaled(throughput, 1.0 / chance);
-    }
-    if is_black(throughput) {
+    let throughput = times(record.throughput, scattered.weight);
+    let (throughput, survives) = transport.chances().roulette(record.bounce, throughput, chance_number);
+    if !survives || is_black(throughput) {
         return;
     }
     let made_by = if scattered.transmitted { Origin::Refraction } else { Origin::Reflection };

@@ -51,10 +51,49 @@ impl Sampler {
         self.set(record.pixel, record.sample, record.path, set)
     }
 
+    /// As [`bounce`](Self::bounce) for many rays side by side: `[number][lane]`.
+    #[inline(always)]
+    pub fn bounces<const N: usize>(&self, rays: &Branches<N>, purpose: Purpose) -> [[f64; N]; 4] {
+        let mut numbers = [[0.0; N]; 4];
+        if self.kind != SamplerKind::Sobol {
+            self.bounces_in_turn(rays, purpose, &mut numbers);
+            return numbers;
+        }
+        let mut scrambles = [0; N];
+        for lane in 0..N {
+            let set = 1 + 2 * rays.bounce[lane] + purpose as u32;
+            let salt = salt(rays.path[lane], set);
+            scrambles[lane] = hash(hash(self.seed, u64::from(rays.pixel[lane])), salt) as u32;
+        }
+        let points = sobol::points(rays.sample, scrambles);
+        for number in 0..4 {
+            for lane in 0..N {
+                numbers[number][lane] = f64::from(points[number][lane]);
+            }
+        }
+        numbers
+    }
+
+    /// Kept out of the loops that are made vectors of.
+    #[inline(never)]
+    fn bounces_in_turn<const N: usize>(
+        &self,
+        rays: &Branches<N>,
+        purpose: Purpose,
+        numbers: &mut [[f64; N]; 4],
+    ) {
+        for lane in 0..N {
+            let set = 1 + 2 * rays.bounce[lane] + purpose as u32;
+            let own = self.set(rays.pixel[lane], rays.sample[lane], rays.path[lane], set);
+            for number in 0..4 {
+                numbers[number][lane] = own[number];
+            }
+        }
+    }
+
     fn set(&self, pixel: u32, sample: u32, path: u64, set: u32) -> [f64; 4] {
         let pixel_hash = hash(self.seed, u64::from(pixel));
-        // What tells apart all sets but the first one: that is the camera's, on the one path there is then.
-        let salt = u64::from(set) | (path - 1) << 32;
+        let salt = salt(path, set);
         match self.kind {
             SamplerKind::Sobol => {
                 let scramble = if salt == 0 { pixel_hash } else { hash(pixel_hash, salt) };
@@ -104,12 +143,28 @@ impl Sampler {
     }
 }
 
+/// What rays' numbers depend on, side by side.
+#[derive(Clone, Copy, Debug)]
+pub struct Branches<const N: usize> {
+    pub pixel: [u32; N],
+    pub sample: [u32; N],
+    pub path: [u64; N],
+    pub bounce: [u32; N],
+}
+
+/// What tells apart all sets but the first one: that is the camera's, on the one path there is then, and has 0.
+#[inline(always)]
+fn salt(path: u64, set: u32) -> u64 {
+    u64::from(set) | (path - 1) << 32
+}
+
 /// The 53 upper bits as a number in [0, 1).
 fn unit(bits: u64) -> f64 {
     (bits >> 11) as f64 * (1.0 / 9_007_199_254_740_992.0)
 }
 
 /// Mixes two words (the finaliser of SplitMix64; Steele, Lea and Flood 2014).
+#[inline(always)]
 fn hash(a: u64, b: u64) -> u64 {
     let mut z = a.wrapping_add((b.wrapping_add(1)).wrapping_mul(0x9e37_79b9_7f4a_7c15));
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -3,11 +3,14 @@
 
 use std::sync::LazyLock;
 
-use sobol_burley::parts::{Int4, hash, hash_int4, owen_scramble_int4_rev, owen_scramble_rev, sobol_rev};
+use sobol_burley::parts::{hash, owen_scramble_rev, sobol_rev, u32_to_f32_norm};
 
 /// Bits of an index that count, and of them those that one look into a table takes.
 const BITS: u32 = 16;
 const BYTE: u32 = 8;
+
+/// What tells the dimensions' scrambles apart.
+const SALTS: [u32; 4] = [0x912f_69ba, 0x174f_18ab, 0x691e_72ca, 0xb40c_c1b8];
 
 type Table = [[u32; 4]; 1 << BYTE];
 
@@ -22,15 +25,37 @@ static TABLES: LazyLock<[Table; 2]> = LazyLock::new(|| {
 });
 
 /// Four numbers in [0, 1) for `index` < 2^16; other seeds give other scrambles of the sequence, in another order.
+#[inline]
 pub fn point(index: u32, seed: u32) -> [f32; 4] {
-    let shuffled = owen_scramble_rev(index.reverse_bits(), hash(seed ^ 0x79c6_8e4a));
+    let [[a], [b], [c], [d]] = points([index], [seed]);
+    [a, b, c, d]
+}
+
+/// As [`point`] for many side by side: `[dimension][lane]`. Loops are written so that the compiler makes vectors of them.
+#[inline(always)]
+pub fn points<const N: usize>(indices: [u32; N], seeds: [u32; N]) -> [[f32; N]; 4] {
     let [upper, lower] = &*TABLES;
-    let [a, b, c, d] = upper[(shuffled >> (u32::BITS - BYTE)) as usize];
-    let [e, f, g, h] = lower[(shuffled >> (u32::BITS - BITS)) as usize & 0xff];
-    let bits: Int4 = [a ^ e, b ^ f, c ^ g, d ^ h].into();
-    let seed: Int4 = [seed.wrapping_mul(0x9c8f_2d3b); 4].into();
-    let scramble = seed ^ [0x912f_69ba, 0x174f_18ab, 0x691e_72ca, 0xb40c_c1b8].into();
-    owen_scramble_int4_rev(bits, hash_int4(scramble)).reverse_bits().to_f32_norm()
+    let mut shuffled = [0; N];
+    for lane in 0..N {
+        shuffled[lane] = owen_scramble_rev(indices[lane].reverse_bits(), hash(seeds[lane] ^ 0x79c6_8e4a));
+    }
+    let mut bits = [[0; N]; 4];
+    for lane in 0..N {
+        let above = &upper[(shuffled[lane] >> (u32::BITS - BYTE)) as usize];
+        let below = &lower[(shuffled[lane] >> (u32::BITS - BITS)) as usize & 0xff];
+        for dimension in 0..4 {
+            bits[dimension][lane] = above[dimension] ^ below[dimension];
+        }
+    }
+    let mut numbers = [[0.0; N]; 4];
+    for dimension in 0..4 {
+        for lane in 0..N {
+            let scramble = hash(seeds[lane].wrapping_mul(0x9c8f_2d3b) ^ SALTS[dimension]);
+            let scrambled = owen_scramble_rev(bits[dimension][lane], scramble);
+            numbers[dimension][lane] = u32_to_f32_norm(scrambled.reverse_bits());
+        }
+    }
+    numbers
 }
 
 #[cfg(test)]

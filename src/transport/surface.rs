@@ -38,7 +38,7 @@ pub struct Vertex {
 impl<'a> Interaction<'a> {
     /// Radiance that the surface sends back along the ray by itself.
     pub fn emission(&self) -> Color {
-        if self.entering || !self.material.one_sided { self.material.emission } else { [0.0; 3] }
+        self.material.emitted(self.entering)
     }
 
     pub fn new(scene: &'a Scene, record: &RayRecord, answer: &Answer) -> Self {
@@ -94,14 +94,12 @@ impl<'a> Interaction<'a> {
         if part.normals != NONE {
             let stored_at = |corner| widened(surfaces.normals[at(part.normals, corner)]);
             let stored = [stored_at(0), stored_at(1), stored_at(2)];
-            // All three turn together: at a sharp edge one may point behind this triangle, and turning it here but not next
-            // door would tear the shading apart.
-            let side = if (stored[0] + stored[1] + stored[2]).dot(geometric) < 0.0 { -1.0 } else { 1.0 };
-            for (vertex, stored) in vertices.iter_mut().zip(stored) {
-                vertex.normal = stored.try_normalize().map_or(geometric, |normal| normal * side);
+            let turned = turned(stored, geometric);
+            for (vertex, turned) in vertices.iter_mut().zip(turned) {
+                vertex.normal = turned;
             }
-            let blend = weighted([vertices[0].normal, vertices[1].normal, vertices[2].normal], weights);
-            normal = facing(blend, geometric).unwrap_or(geometric);
+            let blend = weighted(turned, weights);
+            normal = facing(blend, geometric);
         }
 
         let mut ambient_tint = [1.0; 3];
@@ -137,24 +135,42 @@ impl<'a> Interaction<'a> {
     }
 }
 
-#[inline]
-fn widened(v: [f32; 3]) -> DVec3 {
+#[inline(always)]
+pub(super) fn widened(v: [f32; 3]) -> DVec3 {
     DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))
 }
 
-#[inline]
-fn weighted(values: [DVec3; 3], weights: [f64; 3]) -> DVec3 {
+#[inline(always)]
+pub(super) fn weighted(values: [DVec3; 3], weights: [f64; 3]) -> DVec3 {
     (values[0] * weights[0] + values[1] * weights[1]) + values[2] * weights[2]
 }
 
 /// A unit vector, also where the square of its length leaves f64's range.
-fn unit(v: DVec3) -> DVec3 {
+#[inline(always)]
+pub(super) fn unit(v: DVec3) -> DVec3 {
     let largest = v.abs().max_element();
     if largest > 0.0 { (v / largest).normalize() } else { DVec3::Z }
 }
 
-/// `normal`, normalised, on the side of the surface that `geometric` points to. `None` if it has no direction.
-fn facing(normal: DVec3, geometric: DVec3) -> Option<DVec3> {
-    let normal = normal.try_normalize()?;
-    Some(if normal.dot(geometric) < 0.0 { -normal } else { normal })
+/// A unit vector, or `instead` where `v` has no direction.
+#[inline(always)]
+fn unit_or(v: DVec3, instead: DVec3) -> DVec3 {
+    let inverse = v.length_recip();
+    if (inverse > 0.0) & (inverse < f64::INFINITY) { v * inverse } else { instead }
+}
+
+/// A triangle's vertex normals, normalised, on the side of the surface that `geometric` points to. All three turn together: at a sharp edge one may point behind this triangle, and turning it
+/// here but not next door would tear the shading apart.
+#[inline(always)]
+pub(super) fn turned(stored: [DVec3; 3], geometric: DVec3) -> [DVec3; 3] {
+    let side = if (stored[0] + stored[1] + stored[2]).dot(geometric) < 0.0 { -1.0 } else { 1.0 };
+    let turn = |normal: DVec3| unit_or(normal * side, geometric);
+    [turn(stored[0]), turn(stored[1]), turn(stored[2])]
+}
+
+/// `normal`, normalised, on the side of the surface that `geometric` points to, which stands in for one without direction.
+#[inline(always)]
+pub(super) fn facing(normal: DVec3, geometric: DVec3) -> DVec3 {
+    let normal = unit_or(normal, geometric);
+    if normal.dot(geometric) < 0.0 { -normal } else { normal }
 }

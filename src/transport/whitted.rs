@@ -3,6 +3,7 @@
 
 use glam::DVec3;
 
+use super::lanes::glossy::Glossy;
 use super::surface::Interaction;
 use super::{Sink, Transport, add, is_black, phong, scaled, times};
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
@@ -19,6 +20,25 @@ pub fn advance(transport: &Transport, record: &RayRecord, answer: &Answer, out: 
         Query::Occluded => {}
         Query::Attenuated => attenuate(transport, record, answer, out),
     }
+}
+
+/// Goes on from the answers to a batch of records, as [`advance`] does from each.
+pub fn advance_all(
+    transport: &Transport,
+    records: &[RayRecord],
+    answers: &[Answer],
+    glossy: &mut Glossy,
+    out: &mut impl Sink,
+) {
+    for (place, (record, answer)) in records.iter().zip(answers).enumerate() {
+        let is_hit = record.query() == Query::Closest && answer.is_hit();
+        if !is_hit || !glossy.take(transport, place, record, answer) {
+            advance(transport, record, answer, out);
+        } else if glossy.hits.is_full() {
+            glossy.flush(transport, records, answers, out);
+        }
+    }
+    glossy.flush(transport, records, answers, out);
 }
 
 /// Goes on towards the light through a transparent surface, weakened by its kt.
@@ -75,7 +95,7 @@ fn bounce(
     direction: DVec3,
     out: &mut impl Sink,
 ) {
-    let material = hit.material;
+    let (material, start) = (hit.material, (hit.position, hit.primitive));
     let mut mirrored = add(material.kr, [material.reflectivity; 3]);
     if material.is_transparent() {
         let eta = if hit.entering { 1.0 / material.ior } else { material.ior };
@@ -84,21 +104,23 @@ fn bounce(
                 let back = if material.fresnel { refraction.reflectance } else { 0.0 };
                 mirrored = add(mirrored, scaled(material.kt, back));
                 let weight = scaled(material.kt, 1.0 - back);
-                branch(transport, record, hit, refraction.direction, weight, Origin::Refraction, out);
+                branch(transport, record, start, refraction.direction, weight, Origin::Refraction, out);
             }
             // Total internal reflection: everything turns back.
             None => mirrored = add(mirrored, material.kt),
         }
     }
     if !is_black(mirrored) {
-        branch(transport, record, hit, reflect(direction, hit), mirrored, Origin::Reflection, out);
+        let reflected = self::mirrored(direction, hit.normal, hit.geometric);
+        branch(transport, record, start, reflected, mirrored, Origin::Reflection, out);
     }
 }
 
-fn branch(
+/// The ray from a point of a primitive on, if it carries enough.
+pub(super) fn branch(
     transport: &Transport,
     record: &RayRecord,
-    hit: &Interaction,
+    (from, primitive): (DVec3, u32),
     direction: DVec3,
     weight: Color,
     made_by: Origin,
@@ -108,7 +130,7 @@ fn branch(
     if is_black(throughput) || throughput.iter().all(|&c| c < transport.min_weight) {
         return;
     }
-    let mut ray = record.onward(hit.position, hit.primitive, direction, Query::Closest, made_by);
+    let mut ray = record.onward(from, primitive, direction, Query::Closest, made_by);
     ray.throughput = throughput;
     ray.bounce = record.bounce + 1;
     ray.path = record.path.wrapping_mul(4).wrapping_add(made_by as u64);
@@ -116,10 +138,12 @@ fn branch(
 }
 
 /// The mirror direction about the shading normal, or, where that would lead into the surface, about the geometric one.
-fn reflect(direction: DVec3, hit: &Interaction) -> DVec3 {
-    let about = |normal: DVec3| direction - normal * (2.0 * direction.dot(normal));
-    let mirrored = about(hit.normal);
-    if mirrored.dot(hit.geometric) > 0.0 { mirrored.normalize() } else { about(hit.geometric).normalize() }
+#[inline(always)]
+pub(super) fn mirrored(direction: DVec3, normal: DVec3, geometric: DVec3) -> DVec3 {
+    let by_shading = direction - normal * (2.0 * direction.dot(normal));
+    let by_geometry = direction - geometric * (2.0 * direction.dot(geometric));
+    let mirrored = if by_shading.dot(geometric) > 0.0 { by_shading } else { by_geometry };
+    mirrored.normalize()
 }
 
 struct Refraction {

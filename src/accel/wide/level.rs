@@ -1,17 +1,6 @@
-//! Which instructions the kernels use: chosen once, at run time, so that one binary serves all processors.
+//! How the rays of a batch go through the tree.
 
-use std::sync::OnceLock;
-
-/// Instructions that the kernels use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Level {
-    /// What every processor of the architecture has.
-    Baseline,
-    /// AVX2 and FMA.
-    Avx2,
-    /// AVX-512 F, VL, DQ and BW, on vectors of eight.
-    Avx512,
-}
+pub use crate::simd::{LEVEL_VARIABLE, Level};
 
 /// How the rays of a batch go through the tree. The answers are the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,66 +22,5 @@ impl Traversal {
             Traversal::Flights => "flights",
             Traversal::Single => "single",
         }
-    }
-}
-
-/// Forces a lower level.
-pub const LEVEL_VARIABLE: &str = "HELIOSTAT_SIMD";
-
-impl Level {
-    pub const ALL: [Level; 3] = [Level::Baseline, Level::Avx2, Level::Avx512];
-
-    pub fn name(self) -> &'static str {
-        match self {
-            Level::Baseline => "baseline",
-            Level::Avx2 => "avx2",
-            Level::Avx512 => "avx512",
-        }
-    }
-
-    /// Whether this processor has it.
-    pub fn is_available(self) -> bool {
-        match self {
-            Level::Baseline => true,
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => {
-                is_x86_feature_detected!("avx2")
-                    && is_x86_feature_detected!("fma")
-                    && is_x86_feature_detected!("bmi1")
-                    && is_x86_feature_detected!("bmi2")
-                    && is_x86_feature_detected!("lzcnt")
-                    && is_x86_feature_detected!("popcnt")
-            }
-            #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => {
-                Level::Avx2.is_available()
-                    && is_x86_feature_detected!("avx512f")
-                    && is_x86_feature_detected!("avx512vl")
-                    && is_x86_feature_detected!("avx512dq")
-                    && is_x86_feature_detected!("avx512bw")
-            }
-            #[cfg(not(target_arch = "x86_64"))]
-            _ => false,
-        }
-    }
-
-    /// The level of a name, as [`LEVEL_VARIABLE`] gives it: the best that there is up to that.
-    ///
-    /// # Errors
-    /// An unknown name.
-    pub fn named(name: &str) -> Result<Level, String> {
-        let wanted = Level::ALL.into_iter().find(|level| level.name() == name);
-        let wanted = wanted.ok_or_else(|| format!("no level is called {name:?}"))?;
-        let below = Level::ALL.into_iter().filter(|level| *level <= wanted && level.is_available());
-        Ok(below.max().unwrap_or(Level::Baseline))
-    }
-
-    /// The level of this process: the best that there is, or what [`LEVEL_VARIABLE`] names.
-    pub fn chosen() -> Level {
-        static CHOSEN: OnceLock<Level> = OnceLock::new();
-        *CHOSEN.get_or_init(|| {
-            let name = std::env::var(LEVEL_VARIABLE).unwrap_or_default();
-            Level::named(&name).or_else(|_| Level::named(Level::Avx512.name())).unwrap_or(Level::Baseline)
-        })
     }
 }

@@ -10,7 +10,7 @@ mod classic;
 mod compensation;
 mod conductor;
 mod dielectric;
-mod diffuse;
+pub(super) mod diffuse;
 mod fresnel;
 mod microfacet;
 mod phong;
