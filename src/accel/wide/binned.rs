@@ -166,13 +166,10 @@ impl Subtree {
         let (above, mut below) = nodes.split_at_mut(above);
         let (mut first, mut places) = (above.len() as u32, Vec::with_capacity(parts.len()));
         for (part, at) in parts {
-            let moved = |mut node: Bvh2Node| {
-                if !node.is_leaf() {
-                    node.first_index += first - 1;
-                }
-                node
-            };
-            above[at] = moved(part[0]);
+            above[at] = part[0];
+            if !part[0].is_leaf() {
+                above[at].first_index += first - 1;
+            }
             let rest = part.len() - 1;
             places.push((below.split_off_mut(..rest).expect("a place for each"), part, first - 1));
             first += rest as u32;
