@@ -1,6 +1,6 @@
 //! The product's own traversal: a tree of eight children per node, walked by many rays at once.
 //!
-//! Made of a binary tree that is built from the top down, where most is asked with spatial splits, and then improved by reinsertion unless it is to be there soon. Any number of
+//! Made of a binary tree that is built from the top down: soon (`binned`), with what overlaps put where it costs less (`reinsert`), or with spatial splits (`spatial`). Any number of
 //! threads builds the same tree.
 
 mod beam;
@@ -61,7 +61,8 @@ pub fn bytes_to_build(preset: BuildPreset) -> u64 {
 
 /// Pieces of a leaf where they may be cut: with more, blocks of interiors are met more often; with fewer, rays gain nothing.
 const MOST_CUT: usize = 4;
-/// Nodes that a balanced tree's reinsertion tries, of all.
+/// Share of a balanced tree's nodes that reinsertion tries. On scanned models there is little to gain; inside Sponza rays visit 0.89 of the nodes and blocks, and more tries make
+/// it 0.85, but views from outside worse.
 const BALANCED: f32 = 0.2;
 
 /// The tree and where it lies.
