@@ -52,13 +52,20 @@ pub enum Accel {
 
 /// The primitives that rays can meet: all but triangles without area. On the current rayon pool.
 fn solid(surfaces: &Surfaces) -> Vec<u32> {
-    solid_ids(surfaces).collect()
+    const CHUNK: usize = 1 << 14;
+    let chunk = |first: usize| {
+        let ids = first as u32..(first + CHUNK).min(surfaces.len()) as u32;
+        ids.filter(|&id| is_solid(surfaces, id)).collect::<Vec<u32>>()
+    };
+    (0..surfaces.len()).into_par_iter().step_by(CHUNK).map(chunk).collect::<Vec<_>>().concat()
 }
 
 fn solid_ids(surfaces: &Surfaces) -> impl ParallelIterator<Item = u32> + '_ {
-    (0..surfaces.len() as u32)
-        .into_par_iter()
-        .filter(|&id| surfaces.sphere_at(id).is_some() || has_area(&surfaces.triangle(id)))
+    (0..surfaces.len() as u32).into_par_iter().filter(|&id| is_solid(surfaces, id))
+}
+
+fn is_solid(surfaces: &Surfaces, id: u32) -> bool {
+    surfaces.sphere_at(id).is_some() || has_area(&surfaces.triangle(id))
 }
 
 /// Lower and upper corner of these primitives, or `None` if there are none. On the current rayon pool.

@@ -182,8 +182,9 @@ impl Surfaces {
 
 /// Whether a triangle has an area: its corners don't lie on one line. One that has none is never hit.
 pub fn has_area(vertices: &[[f32; 3]; 3]) -> bool {
-    let [a, b, c] = vertices.map(|v| DVec3::from(v.map(f64::from)));
-    (b - a).cross(c - a) != DVec3::ZERO
+    let corner = |k: usize| DVec3::new(vertices[k][0].into(), vertices[k][1].into(), vertices[k][2].into());
+    let a = corner(0);
+    (corner(1) - a).cross(corner(2) - a) != DVec3::ZERO
 }
 
 /// One mesh with one material, in the object's own space, before it is placed in the scene.

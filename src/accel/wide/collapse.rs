@@ -64,13 +64,22 @@ struct Place {
     at: u32,
 }
 
-/// Nodes and blocks made of one place and all below, numbered from 0.
-struct Made {
-    nodes: Vec<Node>,
-    blocks: Vec<Block>,
+/// How much is made of one place and all below, and which places there in subtrees are left to others.
+struct Size {
+    nodes: usize,
+    blocks: usize,
+    wanted: Vec<Place>,
 }
 
-/// Makes the wide tree of a binary one whose leaves hold one primitive each, or a part of one; `ids` names those.
+/// Where it goes: the root first.
+struct Room<'t> {
+    nodes: &'t mut [Node],
+    blocks: &'t mut [Block],
+    first_node: u32,
+    first_block: u32,
+}
+
+/// Makes the wide tree of a binary one, or a part of one. Its leaves hold primitives of one kind, no more than a block; `ids` names those.
 pub fn collapse(binary: &Bvh2, ids: &[u32], surfaces: &Surfaces) -> Tree {
     let source = Source { binary, ids, surfaces };
     let mut top = Part::default();
@@ -154,8 +163,9 @@ impl Part {
             } else if node.is_leaf() {
                 let id = source.id(self.nodes[at]);
                 let is_spheres = source.surfaces.sphere_at(id).is_some();
-                let cost = [node.aabb().half_area() * leaf_cost(1); WIDTH];
-                Plan { cost, is_leaf: true, is_spheres, count: 1, ..Plan::default() }
+                let count = node.prim_count;
+                let cost = [node.aabb().half_area() * leaf_cost(count); WIDTH];
+                Plan { cost, is_leaf: true, is_spheres, count, ..Plan::default() }
             } else {
                 let (left, right) = (&self.plans[at + 1], &self.plans[self.right[at] as usize]);
                 Plan::of_two(left, right, node.aabb().half_area())
@@ -209,10 +219,16 @@ fn leaf_cost(count: u32) -> f32 {
 }
 
 impl Source<'_> {
-    /// The primitive of a binary leaf.
+    /// The first primitive of a binary leaf.
     fn id(&self, index: u32) -> u32 {
+        self.leaf(index).next().expect("a leaf has a primitive")
+    }
+
+    /// The primitives of a binary leaf.
+    fn leaf(&self, index: u32) -> impl Iterator<Item = u32> {
         let node = &self.binary.nodes[index as usize];
-        self.ids[self.binary.primitive_indices[node.first_index as usize] as usize]
+        let (first, count) = (node.first_index as usize, node.prim_count as usize);
+        self.binary.primitive_indices[first..first + count].iter().map(|&k| self.ids[k as usize])
     }
 }
 
@@ -272,63 +288,59 @@ impl Collapse<'_> {
     }
 
     fn make(self) -> Tree {
-        // The nodes above all subtrees, and what is to be made below them.
-        let mut above = self.make_from(self.place(Place { subtree: None, at: 0 }), true);
-        let wanted = std::mem::take(&mut above.1);
-        let made: Vec<Made> = wanted.par_iter().map(|&place| self.make_from(place, false).0).collect();
+        let root = self.place(Place { subtree: None, at: 0 });
+        // Nodes above all subtrees, and what is to be made below them; each finds its room laid out.
+        let above = self.size(root, true);
+        let below: Vec<Size> = above.wanted.par_iter().map(|&place| self.size(place, false)).collect();
+        let sum = |of: fn(&Size) -> usize| of(&above) + below.iter().map(of).sum::<usize>();
+        let mut tree = Tree::zeroed(sum(|size| size.nodes), sum(|size| size.blocks));
+        let (mut nodes, mut blocks): (&mut [Node], &mut [Block]) = (&mut tree.nodes, &mut tree.blocks);
+        let (mut first_node, mut first_block) = (0, 0);
+        let mut room = |size: &Size| {
+            let room = Room {
+                nodes: nodes.split_off_mut(..size.nodes).expect("room was counted"),
+                blocks: blocks.split_off_mut(..size.blocks).expect("room was counted"),
+                first_node,
+                first_block,
+            };
+            first_node += size.nodes as u32;
+            first_block += size.blocks as u32;
+            room
+        };
+        let room_above = room(&above);
+        let rooms: Vec<(Place, Room)> =
+            above.wanted.iter().copied().zip(below.iter().map(&mut room)).collect();
+        self.make_from(root, room_above, Some(&mut rooms.iter().map(|(_, room)| room.first_node)));
+        rooms.into_par_iter().for_each(|(place, room)| self.make_from(place, room, None));
         drop(self);
-        let Made { nodes: mut first, blocks } = above.0;
-        let (mut nodes_before, mut blocks_before) = (first.len(), blocks.len());
-        let offsets: Vec<(u32, u32)> = made
-            .iter()
-            .map(|part| {
-                let offsets = (nodes_before as u32, blocks_before as u32);
-                nodes_before += part.nodes.len();
-                blocks_before += part.blocks.len();
-                offsets
-            })
-            .collect();
-        // What has been wanted is named by its number for now.
-        for child in first.iter_mut().flat_map(|node| &mut node.children) {
-            if *child & (LEAF | SPHERES) == SPHERES {
-                *child = offsets[(*child & !SPHERES) as usize].0;
-            }
-        }
-        let mut tree = Tree::zeroed(nodes_before, blocks_before);
-        let (mut node_slots, mut block_slots): (&mut [Node], &mut [Block]) =
-            (&mut tree.nodes, &mut tree.blocks);
-        node_slots.split_off_mut(..first.len()).into_iter().for_each(|slots| slots.copy_from_slice(&first));
-        block_slots
-            .split_off_mut(..blocks.len())
-            .into_iter()
-            .for_each(|slots| slots.copy_from_slice(&blocks));
-        let mut places = Vec::with_capacity(made.len());
-        for (part, &offsets) in made.into_iter().zip(&offsets) {
-            let nodes = node_slots.split_off_mut(..part.nodes.len());
-            let blocks = block_slots.split_off_mut(..part.blocks.len());
-            places.extend(nodes.zip(blocks).map(|(nodes, blocks)| (part, offsets, nodes, blocks)));
-        }
-        places.into_par_iter().for_each(|(part, (first_node, first_block), nodes, blocks)| {
-            for (node, made) in nodes.iter_mut().zip(&part.nodes) {
-                let children = made.children.map(|child| match child {
-                    EMPTY => EMPTY,
-                    leaf if leaf & LEAF != 0 => leaf + (first_block << 3),
-                    inner => inner + first_node,
-                });
-                *node = Node { children, ..*made };
-            }
-            blocks.copy_from_slice(&part.blocks);
-        });
         tree.measure();
         tree
     }
 
-    /// Makes nodes and blocks of a place and of all below; with `above` those in subtrees are only listed, and named by their number with the bit [`SPHERES`].
-    fn make_from(&self, from: Place, above: bool) -> (Made, Vec<Place>) {
-        let mut made = Made { nodes: vec![Node::NONE], blocks: Vec::new() };
-        let mut wanted = Vec::new();
-        let mut waiting = vec![(from, 0usize)];
-        let mut roots = Vec::with_capacity(WIDTH);
+    /// What is made of a place and of all below. With `above` what lies in subtrees is only listed.
+    fn size(&self, from: Place, above: bool) -> Size {
+        let mut size = Size { nodes: 1, blocks: 0, wanted: Vec::new() };
+        let (mut waiting, mut roots) = (vec![from], Vec::with_capacity(WIDTH));
+        while let Some(place) = waiting.pop() {
+            self.roots(place, &mut roots);
+            for &root in &roots {
+                if self.plan(root).is_leaf {
+                    size.blocks += 1;
+                } else if above && root.subtree.is_some() {
+                    size.wanted.push(root);
+                } else {
+                    size.nodes += 1;
+                    waiting.push(root);
+                }
+            }
+        }
+        size
+    }
+
+    /// Makes nodes and blocks of a place and of all below, as many as were counted. What was only listed is already numbered `below`.
+    fn make_from(&self, from: Place, room: Room, mut below: Option<&mut dyn Iterator<Item = u32>>) {
+        let (mut nodes, mut blocks) = (1, 0);
+        let (mut waiting, mut roots) = (vec![(from, 0)], Vec::with_capacity(WIDTH));
         while let Some((place, to)) = waiting.pop() {
             self.roots(place, &mut roots);
             let mut node = Node::NONE;
@@ -341,43 +353,38 @@ impl Collapse<'_> {
                 let plan = self.plan(root);
                 node.children[lane] = if plan.is_leaf {
                     let kind = if plan.is_spheres { SPHERES } else { 0 };
-                    let (block, count) = self.block(root);
-                    made.blocks.push(block);
-                    LEAF | kind | (made.blocks.len() as u32 - 1) << 3 | (count - 1)
-                } else if above && root.subtree.is_some() {
-                    wanted.push(root);
-                    SPHERES | (wanted.len() as u32 - 1)
+                    let (block, mut count) = (&mut room.blocks[blocks], 0);
+                    block.ids = [EMPTY; WIDTH];
+                    self.fill(block, &mut count, root);
+                    blocks += 1;
+                    LEAF | kind | (room.first_block + blocks as u32 - 1) << 3 | (count as u32 - 1)
+                } else if let Some(below) = &mut below
+                    && root.subtree.is_some()
+                {
+                    below.next().expect("all were listed")
                 } else {
-                    waiting.push((root, made.nodes.len()));
-                    made.nodes.push(Node::NONE);
-                    made.nodes.len() as u32 - 1
+                    waiting.push((root, nodes));
+                    nodes += 1;
+                    room.first_node + nodes as u32 - 1
                 };
             }
             node.sort();
-            made.nodes[to] = node;
+            room.nodes[to] = node;
         }
-        (made, wanted)
     }
 
-    /// The primitives below a place, whose plan is to be a block, and their number. Of one in several leaves there once is enough.
-    fn block(&self, root: Place) -> (Block, u32) {
-        let mut block = Block { corners: [[[0.0; WIDTH]; 3]; 3], ids: [EMPTY; WIDTH] };
-        let (mut waiting, mut lane) = (vec![root], 0);
-        while let Some(place) = waiting.pop() {
-            let index = self.part(place).nodes[place.at as usize];
-            if !self.source.binary.nodes[index as usize].is_leaf() {
-                let [left, right] = self.children(place);
-                waiting.extend([right, left]);
-                continue;
-            }
-            let id = self.source.id(index);
-            if block.ids[..lane].contains(&id) {
-                continue;
-            }
-            put(&mut block.corners, lane, self.source.surfaces, id);
-            block.ids[lane] = id;
-            lane += 1;
+    /// Adds the primitives below a place to the `count` that a block has; of one in several leaves there once is enough.
+    fn fill(&self, block: &mut Block, count: &mut usize, place: Place) {
+        let index = self.part(place).nodes[place.at as usize];
+        if !self.source.binary.nodes[index as usize].is_leaf() {
+            return self.children(place).into_iter().for_each(|child| self.fill(block, count, child));
         }
-        (block, lane as u32)
+        for id in self.source.leaf(index) {
+            if !block.ids[..*count].contains(&id) {
+                put(&mut block.corners, *count, self.source.surfaces, id);
+                block.ids[*count] = id;
+                *count += 1;
+            }
+        }
     }
 }

@@ -1,9 +1,10 @@
 //! The product's own traversal: a tree of eight children per node, walked by many rays at once.
 //!
-//! Made of a binary tree: obvhs's (PLOC, Meister and Bittner 2018, with reinsertion), or where most is asked one built from the top down with spatial splits. Any number of threads
-//! builds the same tree.
+//! Made of a binary tree that is built from the top down: soon (`binned`), with what overlaps put where it costs less (`reinsert`), or with spatial splits (`spatial`). Any number of
+//! threads builds the same tree.
 
 mod beam;
+mod binned;
 mod bundle;
 mod collapse;
 mod decide;
@@ -15,6 +16,7 @@ pub mod level;
 mod packet;
 mod piece;
 mod questions;
+mod reinsert;
 pub mod sieve;
 pub mod slices;
 mod spatial;
@@ -24,17 +26,15 @@ mod walk;
 
 use std::cell::RefCell;
 
-use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
-use obvhs::ploc::PlocBuilder;
 use rayon::prelude::*;
 
 use super::lattice::Lattice;
 use super::solid;
 use crate::geometry::record::{Answer, RayRecord};
 use crate::geometry::{Ray, round_down, round_up};
+use crate::memory::{Array, HugeArray};
 use crate::scene::Surfaces;
 use crate::settings::BuildPreset;
 use level::{Level, Traversal};
@@ -42,21 +42,28 @@ use questions::Walked;
 pub use questions::{Questions, prefetch_record};
 use slices::Cells;
 use spatial::Cuts;
-use tree::{Tree, TreeView};
+use tree::{Tree, TreeView, WIDTH};
 use walk::Scratch;
 
-/// Bytes of nodes and blocks for each triangle, about: 88 to 92 were measured on terrains and a teapot.
-pub const BYTES: u64 = 92;
+/// Bytes of nodes and blocks for each triangle, about: 57 to 67 were measured on terrains, scanned models and an interior, and 73 to 97 with spatial splits.
+pub const BYTES: u64 = 80;
 /// The same for each sphere: 145 to 149 were measured on sphereflakes.
 pub const BYTES_OF_SPHERE: u64 = 150;
 
-/// Bytes for each primitive while the tree is built: about 390 were measured on a terrain of 4.2 million triangles, and with all the leaves that spatial splits may add in proportion.
+/// Bytes for each primitive while the tree is built: about 100 were measured on a terrain of 4.2 million triangles, and 280 with one in each leaf, as where spheres lie among
+/// triangles. With all the leaves that spatial splits may add more in proportion.
 pub fn bytes_to_build(preset: BuildPreset) -> u64 {
     match preset {
-        BuildPreset::Fast | BuildPreset::Balanced => 400,
+        BuildPreset::Fast | BuildPreset::Balanced => 300,
         BuildPreset::Best => 520,
     }
 }
+
+/// Pieces of a leaf where they may be cut: with more, blocks of interiors are met more often; with fewer, rays gain nothing.
+const MOST_CUT: usize = 4;
+/// Share of a balanced tree's nodes that reinsertion tries. On scanned models there is little to gain; inside Sponza rays visit 0.89 of the nodes and blocks, and more tries make
+/// it 0.85, but views from outside worse.
+const BALANCED: f32 = 0.2;
 
 /// The tree and where it lies.
 #[derive(Clone, Debug, Default)]
@@ -108,13 +115,20 @@ impl Wide {
         if ids.is_empty() {
             return Wide::default();
         }
-        let boxes: Vec<Aabb> = ids.par_iter().map(|&id| bounds(surfaces, id)).collect();
+        let mut boxes = HugeArray::zeroed(ids.len()).expect("memory for boxes");
+        boxes.par_iter_mut().zip(ids).for_each(|(slot, &id)| *slot = bounds(surfaces, id));
+        let most = in_a_leaf(surfaces);
         let binary = match preset {
-            BuildPreset::Fast => ploc(&boxes, BvhBuildParams::fastest_build(), 0.0),
-            BuildPreset::Balanced => ploc(&boxes, BvhBuildParams::medium_build(), 0.02),
-            BuildPreset::Best => spatial::build(surfaces, ids, &boxes, Cuts::usual(ids.len())),
+            BuildPreset::Fast => binned::build(boxes, most),
+            BuildPreset::Balanced => {
+                let mut binary = binned::build(boxes, most);
+                reinsert::reinsert(&mut binary, BALANCED);
+                binary
+            }
+            BuildPreset::Best => {
+                spatial::build(surfaces, ids, &boxes, Cuts::usual(ids.len()), most.min(MOST_CUT))
+            }
         };
-        drop(boxes);
         Wide::of(&binary, ids, surfaces)
     }
 
@@ -213,19 +227,9 @@ pub fn through_cells(
     });
 }
 
-/// Merges neighbours bottom up, then puts the worst nodes where they cost less.
-fn ploc(boxes: &[Aabb], params: BvhBuildParams, reinsertion: f32) -> Bvh2 {
-    let mut binary = PlocBuilder::with_capacity(boxes.len()).build(
-        params.ploc_search_distance,
-        boxes,
-        (0..boxes.len() as u32).collect(),
-        params.sort_precision,
-        params.search_depth_threshold,
-    );
-    if reinsertion > 0.0 {
-        ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
-    }
-    binary
+/// How many primitives a binary leaf may have: as many as a block, but a block has primitives of one kind.
+fn in_a_leaf(surfaces: &Surfaces) -> usize {
+    if surfaces.spheres.is_empty() || surfaces.triangles.is_empty() { WIDTH } else { 1 }
 }
 
 fn bounds(surfaces: &Surfaces, id: u32) -> Aabb {

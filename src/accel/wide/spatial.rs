@@ -53,6 +53,8 @@ struct Spatial<'a> {
     /// The primitives.
     ids: &'a [u32],
     cuts: Cuts,
+    /// Pieces of a leaf.
+    most: usize,
     /// Area of the box around everything.
     root_area: f32,
 }
@@ -77,76 +79,47 @@ struct Bins {
     end: [[u32; BINS]; 3],
 }
 
-/// The tree over the boxes of the primitives `ids`, of which there is one at least; each leaf has one piece. On the current rayon pool.
-pub fn build(surfaces: &Surfaces, ids: &[u32], boxes: &[Aabb], cuts: Cuts) -> Bvh2 {
+/// A tree over pieces.
+struct Subtree {
+    /// Its root first.
+    nodes: Vec<Bvh2Node>,
+    /// The primitives of its leaves, one leaf's after the other's.
+    order: Vec<u32>,
+}
+
+/// The tree over the boxes of the primitives `ids`, of which there is one at least; no leaf has more than `most` pieces. On the current rayon pool.
+pub fn build(surfaces: &Surfaces, ids: &[u32], boxes: &[Aabb], cuts: Cuts, most: usize) -> Bvh2 {
     let whole = boxes.par_iter().copied().reduce(Aabb::empty, |a, b| a.union(&b));
     let pieces: Vec<Piece> = (0u32..)
         .zip(boxes)
         .map(|(primitive, b)| Piece { low: b.min.to_array(), primitive, high: b.max.to_array() })
         .collect();
-    let spatial = Spatial { surfaces, ids, cuts, root_area: whole.half_area() };
-    let nodes = spatial.nodes(pieces, whole, cuts.more, 0);
-    Bvh2 {
-        nodes: in_levels(&nodes),
-        primitive_indices: (0..ids.len() as u32).collect(),
-        uses_spatial_splits: true,
-        ..Bvh2::default()
-    }
-}
-
-/// The same tree with all nodes of a level before those of the next.
-fn in_levels(nodes: &[Bvh2Node]) -> Vec<Bvh2Node> {
-    let mut sorted = Vec::with_capacity(nodes.len());
-    sorted.push(nodes[0]);
-    let mut at = 0;
-    while at < sorted.len() {
-        let node: Bvh2Node = sorted[at];
-        if !node.is_leaf() {
-            let children = node.first_index as usize;
-            sorted[at].first_index = sorted.len() as u32;
-            sorted.extend_from_slice(&nodes[children..children + 2]);
-        }
-        at += 1;
-    }
-    sorted
+    let spatial = Spatial { surfaces, ids, cuts, most, root_area: whole.half_area() };
+    let Subtree { nodes, order } = spatial.subtree(pieces, whole, cuts.more, 0);
+    Bvh2 { nodes, primitive_indices: order, uses_spatial_splits: true, ..Bvh2::default() }
 }
 
 impl Spatial<'_> {
-    /// The nodes of a tree over pieces, its root first.
-    fn nodes(&self, pieces: Vec<Piece>, bounds: Aabb, more: usize, depth: u32) -> Vec<Bvh2Node> {
-        if let [piece] = *pieces {
-            return vec![Bvh2Node::new(bounds, 1, piece.primitive)];
-        }
+    fn subtree(&self, pieces: Vec<Piece>, bounds: Aabb, more: usize, depth: u32) -> Subtree {
         let count = pieces.len();
+        if count <= self.most {
+            let nodes = vec![Bvh2Node::new(bounds, count as u32, 0)];
+            return Subtree { nodes, order: pieces.iter().map(|piece| piece.primitive).collect() };
+        }
         let [left, right] = self.divide(pieces, &bounds, more, depth);
         let left_over = more - (left.len() + right.len() - count);
         let left_share =
             (left_over as u128 * left.len() as u128 / (left.len() + right.len()) as u128) as usize;
         let right_share = left_over - left_share;
         let (around_left, around_right) = (around(&left), around(&right));
-        let build_left = || self.nodes(left, around_left, left_share, depth + 1);
-        let build_right = || self.nodes(right, around_right, right_share, depth + 1);
+        let build_left = || self.subtree(left, around_left, left_share, depth + 1);
+        let build_right = || self.subtree(right, around_right, right_share, depth + 1);
         let (left, right) = if count > PARALLEL {
             rayon::join(build_left, build_right)
         } else {
             (build_left(), build_right())
         };
-        let mut nodes = Vec::with_capacity(1 + left.len() + right.len());
-        nodes.extend([Bvh2Node::new(bounds, 0, 1), left[0], right[0]]);
-        // Where the children of a subtree's nodes are, less where it has them itself.
-        let moved = [2, left.len() as u32 + 1];
-        for (of, subtree) in [left, right].into_iter().enumerate() {
-            let move_on = |node: &mut Bvh2Node| {
-                if !node.is_leaf() {
-                    node.first_index += moved[of];
-                }
-            };
-            move_on(&mut nodes[1 + of]);
-            let first = nodes.len();
-            nodes.extend_from_slice(&subtree[1..]);
-            nodes[first..].iter_mut().for_each(move_on);
-        }
-        nodes
+        Subtree::over(bounds, left, right)
     }
 
     /// The pieces of two children. Not inlined: what it needs shall not lie on the stack of all levels.
@@ -280,6 +253,28 @@ impl Spatial<'_> {
         let most = pieces.len();
         let wins = sides.iter().all(|side| !side.is_empty() && side.len() < most);
         wins.then_some(sides)
+    }
+}
+
+impl Subtree {
+    /// Both under a new root.
+    fn over(bounds: Aabb, left: Subtree, right: Subtree) -> Subtree {
+        let mut nodes = Vec::with_capacity(1 + left.nodes.len() + right.nodes.len());
+        nodes.extend([Bvh2Node::new(bounds, 0, 1), left.nodes[0], right.nodes[0]]);
+        // Where the children and the primitives of a half's nodes are, less where it has them itself.
+        let moved = [(2, 0), (left.nodes.len() as u32 + 1, left.order.len() as u32)];
+        for (side, half) in [&left, &right].into_iter().enumerate() {
+            let move_on = |node: &mut Bvh2Node| {
+                node.first_index += if node.is_leaf() { moved[side].1 } else { moved[side].0 };
+            };
+            move_on(&mut nodes[1 + side]);
+            let first = nodes.len();
+            nodes.extend_from_slice(&half.nodes[1..]);
+            nodes[first..].iter_mut().for_each(move_on);
+        }
+        let mut order = left.order;
+        order.extend(right.order);
+        Subtree { nodes, order }
     }
 }
 
