@@ -159,7 +159,8 @@ impl Beam {
                 near = first.mul(least).min(first.mul(most)).max(near);
                 far = second.mul(least).max(second.mul(most)).min(far);
             }
-            *places = near.pack(far, order, CHILDREN.as_ptr(), entered.as_mut_ptr(), t.as_mut_ptr());
+            let packed = near.pack(far, order, CHILDREN.as_ptr(), entered.as_mut_ptr(), t.as_mut_ptr());
+            *places = packed.count_ones() as usize;
         }
     }
 }

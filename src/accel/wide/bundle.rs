@@ -25,6 +25,7 @@ const LEAST: f64 = 1e-30;
 /// What has been found for a ray on its way.
 ///
 /// A triangle that is surely met, at a t known to within bounds, is a candidate: it ends the search behind it without having been decided.
+#[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
     /// Nothing that is entered behind this is wanted.
@@ -350,12 +351,12 @@ impl Bundle {
     pub fn filter_ray(&self, lane: usize) -> FilterRay {
         let [kx, ky, kz] = axes(self.class[lane]);
         FilterRay {
-            axes: [kx as u8, ky as u8, kz as u8],
-            origin: [self.origin[kx][lane], self.origin[ky][lane], self.origin[kz][lane]],
-            shear: [self.shear[0][lane], self.shear[1][lane]],
+            origin: [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]],
             inverse_z: self.inverse_z[lane],
+            shear: [self.shear[0][lane], self.shear[1][lane]],
             delta: self.delta,
             t_delta: self.t_delta,
+            axes: [kx as u8, ky as u8, kz as u8],
         }
     }
 }

@@ -115,16 +115,17 @@ impl<V: Vector> Rays<V> {
 }
 
 /// One ray rounded to f32.
+#[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FilterRay {
-    /// kx, ky, kz.
-    pub axes: [u8; 3],
-    /// In the order of `axes`.
+    /// x, y, z.
     pub origin: [f32; 3],
-    pub shear: [f32; 2],
     pub inverse_z: f32,
+    pub shear: [f32; 2],
     pub delta: f32,
     pub t_delta: f32,
+    /// kx, ky, kz.
+    pub axes: [u8; 3],
 }
 
 impl FilterRay {
@@ -135,7 +136,7 @@ impl FilterRay {
         let inverse_z = 1.0 / ray.direction[ray.kz] as f32;
         FilterRay {
             axes: axes.map(|axis| axis as u8),
-            origin: axes.map(|axis| ray.origin[axis] as f32),
+            origin: ray.origin.map(|c| c as f32),
             shear: [ray.kx, ray.ky].map(|axis| ray.direction[axis] as f32 * inverse_z),
             inverse_z,
             delta,
@@ -196,13 +197,19 @@ impl FilterRay {
     /// The ray in every lane.
     ///
     /// # Safety
-    /// The level's instructions are there.
+    /// The level's instructions are there; `axes` are below 3.
     #[inline(always)]
     unsafe fn side_by_side<V: Vector>(&self, t_min: f32, limit: f32) -> Rays<V> {
         // SAFETY: the caller's promise.
         unsafe {
+            let [kx, ky, kz] = self.axes;
+            let [kx, ky, kz] = [usize::from(kx), usize::from(ky), usize::from(kz)];
             Rays {
-                origin: [V::splat(self.origin[0]), V::splat(self.origin[1]), V::splat(self.origin[2])],
+                origin: [
+                    V::splat(*self.origin.get_unchecked(kx)),
+                    V::splat(*self.origin.get_unchecked(ky)),
+                    V::splat(*self.origin.get_unchecked(kz)),
+                ],
                 shear: [V::splat(self.shear[0]), V::splat(self.shear[1])],
                 inverse_z: V::splat(self.inverse_z),
                 delta: V::splat(self.delta),

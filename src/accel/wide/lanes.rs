@@ -47,8 +47,8 @@ pub unsafe trait Vector: Copy {
 /// # Safety
 /// As of [`Vector`]; its count is 8.
 pub unsafe trait Eight: Vector {
-    /// Of the eight `children` those with self <= far, in the order that `order` names (four bits each), packed at `to_children`, with self at `to_t`.
-    /// Returns their number. Eight places are written at both.
+    /// Of the eight `children` those with self <= far, in the order that `order` names (four bits each), packed at `to_children`, with self at `to_t`. Eight places are written at
+    /// both. Returns a bit for each place of the order whose child is among them.
     unsafe fn pack(
         self,
         far: Self,
@@ -56,7 +56,10 @@ pub unsafe trait Eight: Vector {
         children: *const u32,
         to_children: *mut u32,
         to_t: *mut f32,
-    ) -> usize;
+    ) -> u32;
+
+    /// Writes the eight numbers at each of `rows`, aligned as for `load`, as columns: the first of all at `to`, the second `stride` numbers on, aligned too.
+    unsafe fn transpose(rows: [*const f32; 8], to: *mut f32, stride: usize);
 }
 
 /// Plain arrays: the compiler makes of them what the architecture's least processor has.
@@ -185,8 +188,8 @@ unsafe impl Eight for Plain {
         children: *const u32,
         to_children: *mut u32,
         to_t: *mut f32,
-    ) -> usize {
-        let mut count = 0;
+    ) -> u32 {
+        let (mut mask, mut count) = (0, 0);
         for place in 0..8 {
             let k = (order >> (4 * place) & 7) as usize;
             // SAFETY: the caller gives eight children and eight places.
@@ -194,9 +197,21 @@ unsafe impl Eight for Plain {
                 to_children.add(count).write(*children.add(k));
                 to_t.add(count).write(self.0[k]);
             }
-            count += usize::from(self.0[k] <= far.0[k]);
+            let is_in = self.0[k] <= far.0[k];
+            mask |= u32::from(is_in) << place;
+            count += usize::from(is_in);
         }
-        count
+        mask
+    }
+
+    #[inline(always)]
+    unsafe fn transpose(rows: [*const f32; 8], to: *mut f32, stride: usize) {
+        for column in 0..8 {
+            for (row, from) in rows.iter().enumerate() {
+                // SAFETY: the caller gives eight numbers of each row and eight columns.
+                unsafe { to.add(column * stride + row).write(*from.add(column)) };
+            }
+        }
     }
 }
 
@@ -208,25 +223,23 @@ mod x86 {
     use super::{Eight, Vector};
     use std::arch::x86_64::*;
 
-    /// For each mask of eight lanes the numbers of its lanes, in turn, a byte each.
-    static PACKED: [u64; 256] = packed();
-
-    const fn packed() -> [u64; 256] {
+    /// For each mask of eight places the numbers of those in it, in turn, three bits each.
+    static PACKED: [u32; 256] = {
         let mut table = [0; 256];
         let mut mask = 0;
         while mask < 256 {
-            let (mut lane, mut place) = (0, 0);
-            while lane < 8 {
-                if mask >> lane & 1 == 1 {
-                    table[mask] |= (lane as u64) << (8 * place);
-                    place += 1;
+            let (mut place, mut count) = (0, 0);
+            while place < 8 {
+                if mask >> place & 1 == 1 {
+                    table[mask] |= place << (3 * count);
+                    count += 1;
                 }
-                lane += 1;
+                place += 1;
             }
             mask += 1;
         }
         table
-    }
+    };
 
     /// Eight, with AVX2 and FMA.
     #[derive(Clone, Copy)]
@@ -484,7 +497,7 @@ mod x86 {
     );
 
     macro_rules! eight {
-        ($level:ident, |$near:ident, $far:ident, $children:ident, $to_children:ident, $to_t:ident| $pack:expr) => {
+        ($level:ident, |$near:ident, $far:ident, $order:ident| $mask:expr) => {
             // SAFETY: as of its vectors.
             unsafe impl Eight for $level {
                 #[inline(always)]
@@ -495,35 +508,60 @@ mod x86 {
                     children: *const u32,
                     to_children: *mut u32,
                     to_t: *mut f32,
-                ) -> usize {
-                    // SAFETY: as said above; eight children and eight places are the caller's promise.
+                ) -> u32 {
+                    // SAFETY: as said above; eight children and eight places are the caller's promise; masks are below 256.
                     unsafe {
-                        let shifts = _mm256_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28);
-                        let order = _mm256_srlv_epi32(_mm256_set1_epi32(order as i32), shifts);
-                        let $near = _mm256_permutevar8x32_ps(self.0, order);
-                        let $far = _mm256_permutevar8x32_ps(far.0, order);
-                        let $children =
-                            _mm256_permutevar8x32_epi32(_mm256_loadu_si256(children.cast()), order);
-                        let ($to_children, $to_t) = (to_children, to_t);
-                        $pack
+                        // Permutations take no notice of what is above three bits.
+                        let fours = _mm256_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28);
+                        let order = _mm256_srlv_epi32(_mm256_set1_epi32(order as i32), fours);
+                        let ($near, $far, $order) = (self.0, far.0, order);
+                        let mask: u32 = $mask;
+                        let packed = *PACKED.get_unchecked(mask as usize);
+                        let threes = _mm256_setr_epi32(0, 3, 6, 9, 12, 15, 18, 21);
+                        let places = _mm256_srlv_epi32(_mm256_set1_epi32(packed as i32), threes);
+                        let lanes = _mm256_permutevar8x32_epi32(order, places);
+                        let children = _mm256_loadu_si256(children.cast());
+                        let children = _mm256_permutevar8x32_epi32(children, lanes);
+                        _mm256_storeu_si256(to_children.cast(), children);
+                        _mm256_storeu_ps(to_t, _mm256_permutevar8x32_ps(self.0, lanes));
+                        mask
+                    }
+                }
+
+                #[inline(always)]
+                unsafe fn transpose(rows: [*const f32; 8], to: *mut f32, stride: usize) {
+                    // SAFETY: as said above; eight numbers of each row and eight columns are the caller's promise.
+                    unsafe {
+                        // Rows 0 to 3 in the lower halves, 4 to 7 in the upper ones.
+                        for half in 0..2 {
+                            let mut four = [_mm256_setzero_ps(); 4];
+                            for row in 0..4 {
+                                let low = _mm_load_ps(rows[row].add(4 * half));
+                                let high = _mm_load_ps(rows[row + 4].add(4 * half));
+                                four[row] = _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(low), high);
+                            }
+                            let (a, b) =
+                                (_mm256_unpacklo_ps(four[0], four[1]), _mm256_unpacklo_ps(four[2], four[3]));
+                            let (c, d) =
+                                (_mm256_unpackhi_ps(four[0], four[1]), _mm256_unpackhi_ps(four[2], four[3]));
+                            let to = to.add(4 * half * stride);
+                            _mm256_store_ps(to, _mm256_shuffle_ps::<0x44>(a, b));
+                            _mm256_store_ps(to.add(stride), _mm256_shuffle_ps::<0xee>(a, b));
+                            _mm256_store_ps(to.add(2 * stride), _mm256_shuffle_ps::<0x44>(c, d));
+                            _mm256_store_ps(to.add(3 * stride), _mm256_shuffle_ps::<0xee>(c, d));
+                        }
                     }
                 }
             }
         };
     }
 
-    eight!(Avx2, |near, far, children, to_children, to_t| {
-        let mask = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as usize;
-        let lanes = _mm256_cvtepu8_epi32(_mm_cvtsi64_si128(PACKED[mask] as i64));
-        _mm256_storeu_si256(to_children.cast(), _mm256_permutevar8x32_epi32(children, lanes));
-        _mm256_storeu_ps(to_t, _mm256_permutevar8x32_ps(near, lanes));
-        mask.count_ones() as usize
+    eight!(Avx2, |near, far, order| {
+        let entered = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
+        _mm256_movemask_ps(_mm256_permutevar8x32_ps(entered, order)) as u32
     });
-
-    eight!(Avx512, |near, far, children, to_children, to_t| {
-        let mask = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
-        _mm256_storeu_si256(to_children.cast(), _mm256_maskz_compress_epi32(mask, children));
-        _mm256_storeu_ps(to_t, _mm256_maskz_compress_ps(mask, near));
-        mask.count_ones() as usize
+    eight!(Avx512, |near, far, order| {
+        let (near, far) = (_mm256_permutevar8x32_ps(near, order), _mm256_permutevar8x32_ps(far, order));
+        u32::from(_mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far))
     });
 }

@@ -13,6 +13,7 @@ mod finish;
 mod flight;
 mod lanes;
 pub mod level;
+mod lone;
 mod packet;
 mod piece;
 mod questions;

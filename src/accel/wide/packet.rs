@@ -6,8 +6,9 @@
 use super::beam::{Beam, largest};
 use super::bundle::{Bundle, RAYS, axes, first_lanes};
 use super::filter::{Judged, Rays};
-use super::flight::{LoneRay, Met, Tickets};
+use super::flight::Tickets;
 use super::lanes::Vector;
+use super::lone::{Asking, Met};
 use super::questions::{Batch, Questions};
 use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, WIDTH, block_number, candidate};
 use super::walk::{Instructions, Scratch};
@@ -275,7 +276,7 @@ impl Packet {
     ) {
         let (filter, mut progress) = (bundle.filter_ray(lane), bundle.progress(lane));
         let (tree, start, t_min) = (batch.walked.tree, bundle.start[lane], bundle.t_min[lane]);
-        let ray = LoneRay { tree, filter: &filter, start, t_min, any: self.any };
+        let ray = Asking { tree, filter: &filter, start, t_min, any: self.any };
         // SAFETY: the caller's promise; axes are below 3.
         match unsafe { ray.meet::<I::Eight>(block, number, touched, true, &mut progress) } {
             Met::Nothing => {}
@@ -393,13 +394,16 @@ impl Packet {
     ) {
         let (mut tickets, mut count, mut left) = ([0u16; ALONE as usize], 0, rays);
         while left != 0 && count < tickets.len() {
-            tickets[count] = (self.number * RAYS) as u16 + left.trailing_zeros() as u16;
+            let lane = left.trailing_zeros() as usize;
             left &= left - 1;
+            let ticket = self.number * RAYS + lane;
+            scratch.rays[ticket].take(&scratch.bundles[self.number], lane);
+            tickets[count] = ticket as u16;
             count += 1;
         }
         let tickets = Tickets { tickets: &tickets[..count], from, lazy: true };
         // SAFETY: the caller's promise.
-        unsafe { I::fly(batch, &mut scratch.bundles, &tickets, &mut scratch.stacks) };
+        unsafe { I::fly(batch, &mut scratch.bundles, &mut scratch.rays, &tickets, &mut scratch.stacks) };
     }
 }
 

@@ -9,6 +9,7 @@ use super::finish::Decisions;
 use super::flight::{self, Stacks, Tickets};
 use super::lanes::{Eight, Plain, Vector};
 use super::level::Traversal;
+use super::lone::{self, Lone};
 use super::packet::{self, Entry};
 use super::questions::{Batch, Questions, Walked};
 use super::slices::Gathered;
@@ -21,6 +22,8 @@ const TOGETHER: usize = 8;
 pub struct Scratch {
     /// One more than are in flight together, for rays that are walked again.
     pub bundles: Vec<Box<Bundle>>,
+    /// Those of all bundles that go alone, each at the place of its lane.
+    pub rays: Vec<Lone>,
     pub stacks: Stacks,
     pub entries: Vec<Entry>,
     /// What packets have met in cells.
@@ -33,6 +36,7 @@ impl Default for Scratch {
     fn default() -> Self {
         Scratch {
             bundles: (0..=TOGETHER).map(|_| Bundle::empty()).collect(),
+            rays: vec![Lone::NONE; (TOGETHER + 1) * RAYS],
             stacks: Stacks::default(),
             entries: Vec::new(),
             gathered: None,
@@ -56,10 +60,13 @@ pub unsafe trait Instructions {
     unsafe fn fill(batch: &Batch<impl Questions + ?Sized>, bundle: &mut Bundle, first: usize, count: usize);
     /// [`packet::packets`].
     unsafe fn packets(batch: &Batch<impl Questions + ?Sized>, number: usize, scratch: &mut Scratch) -> u64;
+    /// [`lone::set_out`].
+    unsafe fn set_out(walked: &Walked, bundle: &Bundle, lanes: u64, rays: &mut [Lone]) -> u64;
     /// [`flight::fly`].
     unsafe fn fly(
         batch: &Batch<impl Questions + ?Sized>,
         bundles: &mut [Box<Bundle>],
+        rays: &mut [Lone],
         tickets: &Tickets,
         stacks: &mut Stacks,
     );
@@ -110,9 +117,20 @@ macro_rules! instructions {
                 unsafe { compiled(batch, number, scratch) }
             }
 
+            unsafe fn set_out(walked: &Walked, bundle: &Bundle, lanes: u64, rays: &mut [Lone]) -> u64 {
+                $(#[$features])*
+                unsafe fn compiled(walked: &Walked, bundle: &Bundle, lanes: u64, rays: &mut [Lone]) -> u64 {
+                    // SAFETY: the caller's promise.
+                    unsafe { lone::set_out::<$eight>(walked, bundle, lanes, rays) }
+                }
+                // SAFETY: the caller's promise.
+                unsafe { compiled(walked, bundle, lanes, rays) }
+            }
+
             unsafe fn fly(
                 batch: &Batch<impl Questions + ?Sized>,
                 bundles: &mut [Box<Bundle>],
+                rays: &mut [Lone],
                 tickets: &Tickets,
                 stacks: &mut Stacks,
             ) {
@@ -120,14 +138,15 @@ macro_rules! instructions {
                 unsafe fn compiled(
                     batch: &Batch<impl Questions + ?Sized>,
                     bundles: &mut [Box<Bundle>],
+                    rays: &mut [Lone],
                     tickets: &Tickets,
                     stacks: &mut Stacks,
                 ) {
                     // SAFETY: the caller's promise.
-                    unsafe { flight::fly::<$eight>(batch, bundles, tickets, stacks) }
+                    unsafe { flight::fly::<$eight>(batch, bundles, rays, tickets, stacks) }
                 }
                 // SAFETY: the caller's promise.
-                unsafe { compiled(batch, bundles, tickets, stacks) }
+                unsafe { compiled(batch, bundles, rays, tickets, stacks) }
             }
 
             unsafe fn finish(
@@ -200,6 +219,10 @@ pub unsafe fn walk<I: Instructions>(
                 Traversal::Chosen => I::packets(&batch, bundles, scratch),
                 Traversal::Flights | Traversal::Single => first_lanes(count),
             };
+            if alone != 0 {
+                let rays = &mut scratch.rays[bundles * RAYS..];
+                alone = I::set_out(walked, &scratch.bundles[bundles], alone, rays);
+            }
             if alone == 0 {
                 finish::<I>(&batch, bundles, answers, scratch);
                 continue;
@@ -270,7 +293,7 @@ unsafe fn fly<I: Instructions>(
     for tickets in scratch.tickets.chunks(at_once) {
         let tickets = Tickets { tickets, from: 0, lazy: true };
         // SAFETY: the caller's promise.
-        unsafe { I::fly(batch, &mut scratch.bundles, &tickets, &mut scratch.stacks) };
+        unsafe { I::fly(batch, &mut scratch.bundles, &mut scratch.rays, &tickets, &mut scratch.stacks) };
     }
     scratch.tickets.clear();
     for number in 0..bundles {
@@ -300,8 +323,9 @@ unsafe fn finish<I: Instructions>(
         // SAFETY: the caller's promise.
         unsafe {
             I::fill(batch, &mut scratch.bundles[TOGETHER], index, 1);
+            scratch.rays[TOGETHER * RAYS].take(&scratch.bundles[TOGETHER], 0);
             let tickets = Tickets { tickets: &[(TOGETHER * RAYS) as u16], from: 0, lazy: false };
-            I::fly(batch, &mut scratch.bundles, &tickets, &mut scratch.stacks);
+            I::fly(batch, &mut scratch.bundles, &mut scratch.rays, &tickets, &mut scratch.stacks);
         }
         answers[index] = scratch.bundles[TOGETHER].answer(batch, 0);
     }
