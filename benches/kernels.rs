@@ -3,12 +3,13 @@
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use heliostat::accel::wide::Wide;
-use heliostat::accel::wide::level::{Level, Traversal};
+use heliostat::accel::wide::traversal::Traversal;
 use heliostat::geometry::record::Answer;
 use heliostat::geometry::{NONE, Ray};
 use heliostat::scene::Surfaces;
 use heliostat::scene::generate::icosphere::icosphere;
 use heliostat::settings::BuildPreset;
+use heliostat::simd::Level;
 
 /// Rays of each class.
 const RAYS: usize = 16_384;

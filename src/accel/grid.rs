@@ -11,7 +11,6 @@ use rayon::prelude::*;
 use super::lattice::Lattice;
 use super::tester::Tester;
 use super::wide::Questions;
-use super::wide::level::Level;
 use super::wide::sieve::Sieve;
 use super::wide::slices::Cells;
 use super::wide::tree::WIDTH;
@@ -20,6 +19,7 @@ use crate::geometry::record::Answer;
 use crate::geometry::{NONE, Ray};
 use crate::memory::{Array, HugeArray};
 use crate::scene::Surfaces;
+use crate::simd::Level;
 
 /// Bytes for each primitive while the grid is built, at up to a cell for each: a list's entry and a cell twice, at some eight entries for each.
 pub const BYTES_TO_BUILD: u64 = 120;

@@ -19,13 +19,13 @@ use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::Surfaces;
 use crate::scene::mesh::has_area;
 use crate::settings::{AccelKind, BuildPreset, BuildSettings};
+use crate::simd::Level;
 use divided::Divided;
 use glam::DVec3;
 use grid::Grid;
 use rayon::prelude::*;
 use spheres::Spheres;
 use wide::Wide;
-use wide::level::Level;
 
 /// What answers rays: [`Accel`] in every render, and what experiments put in its place.
 pub trait Trace: Sync {

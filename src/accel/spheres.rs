@@ -15,7 +15,6 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::tester::Tester;
-use super::wide::level::Level;
 use super::wide::sieve::Sieve;
 use super::wide::tree::{Block, WIDTH, put};
 use super::{extent, solid};
@@ -24,6 +23,7 @@ use crate::geometry::record::Answer;
 use crate::geometry::{NONE, Prepared, Ray, dot, norm_max, sub};
 use crate::memory::{Array, HugeArray};
 use crate::scene::Surfaces;
+use crate::simd::Level;
 
 /// Bytes for each primitive while the spheres are built: blocks, ids and chunks of them.
 pub const BYTES_TO_BUILD: u64 = 56;

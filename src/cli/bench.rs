@@ -8,13 +8,14 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::{builds, error_curve, print, strategies};
-use crate::accel::wide::level::{Level, Traversal};
+use crate::accel::wide::traversal::Traversal;
 use crate::cluster::{Solo, threads};
 use crate::error::{Error, Result};
 use crate::job;
 use crate::lab::kernels::{self, FileRay, Kind, Mode, RaySet, Subject};
 use crate::output::file;
 use crate::settings::{BuildPreset, BuildSettings};
+use crate::simd::Level;
 
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {

@@ -24,12 +24,12 @@ use clap::{CommandFactory, Parser, Subcommand};
 use serde::{Deserialize, Serialize};
 
 use crate::accel::Accel;
-use crate::accel::wide::level::{LEVEL_VARIABLE, Level};
 use crate::cluster::{self, Comm, share};
 use crate::error::{Error, Result};
 use crate::scene::Surfaces;
 use crate::scene::load::Budget;
 use crate::settings::{AccelKind, BuildSettings};
+use crate::simd::{LEVEL_VARIABLE, Level};
 
 /// A distributed-memory parallel ray tracer: exact surfaces, and the same bytes however it was run.
 ///

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::aim::Dice;
 use super::plain_grid;
 use crate::accel::Accel;
-use crate::accel::wide::level::{Level, Traversal};
+use crate::accel::wide::traversal::Traversal;
 use crate::accel::wide::{Questions, Wide, prefetch_record};
 use crate::error::{Error, Result};
 use crate::geometry::record::Answer;
@@ -20,6 +20,7 @@ use crate::geometry::{NONE, Ray};
 use crate::scene::frame::Frame;
 use crate::scene::{Camera, Surfaces, load};
 use crate::settings::{AccelKind, BuildPreset, BuildSettings};
+use crate::simd::Level;
 
 /// Rays that one thread answers before it looks for more.
 const CHUNK: usize = 4096;

@@ -15,7 +15,6 @@ use super::meshes::{self, Body};
 use super::referee::{ExactRay, Referee};
 use super::tally::Tally;
 use crate::accel::Accel;
-use crate::accel::wide::level::Level;
 use crate::error::{Error, Result};
 use crate::geometry::Ray;
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
@@ -23,6 +22,7 @@ use crate::scene::build::SceneBuilder;
 use crate::scene::mesh::{Mesh, has_area};
 use crate::scene::{Material, Scene, SceneHeader, Shading};
 use crate::settings::{AccelKind, BuildPreset};
+use crate::simd::Level;
 use crate::transport::surface::Interaction;
 
 /// Rays that are traced in one go by one thread.

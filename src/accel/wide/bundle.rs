@@ -168,9 +168,9 @@ impl Bundle {
 
     /// Takes rays of the batch, from `first` on. Loops over lanes are written so that the compiler makes vectors of them.
     #[inline(always)]
-    pub fn fill(&mut self, batch: &Batch<impl Questions + ?Sized>, first: usize, count: usize) {
+    pub fn fill(&mut self, batch: &Batch, questions: &(impl Questions + ?Sized), first: usize, count: usize) {
         let count = count.min(RAYS);
-        self.gather(batch, first, count);
+        self.gather(questions, first, count);
         // All lanes are filled and worked on: loops of a known length are the fastest.
         for lane in count..RAYS {
             for axis in 0..3 {
@@ -186,13 +186,13 @@ impl Bundle {
 
     /// Reads the rays as they are asked.
     #[inline(always)]
-    fn gather(&mut self, batch: &Batch<impl Questions + ?Sized>, first: usize, count: usize) {
+    fn gather(&mut self, questions: &(impl Questions + ?Sized), first: usize, count: usize) {
         (self.first, self.count) = (first, count);
         (self.decided, self.any, self.found, self.contradicted) = (0, 0, 0, 0);
         let exact = &mut self.exact;
         for lane in 0..count {
-            batch.questions.prefetch(first + lane + RAYS);
-            let (ray, any) = batch.questions.question(first + lane);
+            questions.prefetch(first + lane + RAYS);
+            let (ray, any) = questions.question(first + lane);
             let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
             for axis in 0..3 {
                 exact.origin[axis][lane] = origin[axis];
@@ -206,7 +206,7 @@ impl Bundle {
 
     /// Moves origins that are far outside, before their directions are scaled, and tells how far from 0 all of them lie.
     #[inline(always)]
-    fn approach(&mut self, batch: &Batch<impl Questions + ?Sized>) {
+    fn approach(&mut self, batch: &Batch) {
         let extent = batch.walked.extent;
         self.exact.moved = [0.0; RAYS];
         self.exact.moved_off = [0.0; RAYS];
@@ -238,7 +238,7 @@ impl Bundle {
 
     /// Moves what lies far outside; how far off any t may be by that.
     #[cold]
-    fn come_near(&mut self, batch: &Batch<impl Questions + ?Sized>) -> f64 {
+    fn come_near(&mut self, batch: &Batch) -> f64 {
         let (mut most, exact) = (0.0, &mut self.exact);
         for lane in 0..RAYS {
             // Lanes that aren't filled repeat the first.

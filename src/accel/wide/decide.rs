@@ -1,7 +1,7 @@
 //! The f64 decisions about single rays of a bundle.
 
 use super::bundle::{Bundle, Progress, lower, upper};
-use super::questions::{Batch, Questions};
+use super::questions::Batch;
 use super::tree::{Block, SPHERE_CANDIDATE, WIDTH};
 use crate::accel::tester::Tester;
 use crate::geometry::record::Answer;
@@ -12,7 +12,7 @@ use crate::scene::mesh::is_guest;
 
 impl Bundle {
     /// A lane's ray with what has been decided of it.
-    fn tester<'a>(&self, batch: &Batch<'a, '_, impl Questions + ?Sized>, lane: usize) -> Tester<'a> {
+    fn tester<'a>(&self, batch: &Batch<'a, '_>, lane: usize) -> Tester<'a> {
         let mut tester = Tester::new(batch.walked.surfaces, &batch.questions.question(self.first + lane).0);
         if self.decided >> lane & 1 == 1 {
             tester.resume(&self.best[lane]);
@@ -36,7 +36,7 @@ impl Bundle {
     #[inline(never)]
     pub fn decide(
         &mut self,
-        batch: &Batch<impl Questions + ?Sized>,
+        batch: &Batch,
         lane: usize,
         progress: &mut Progress,
         (block, are_spheres): (&Block, bool),
@@ -96,7 +96,7 @@ impl Bundle {
     }
 
     /// Settles the candidate where what has been decided doesn't lie clear of it.
-    fn reconcile(&mut self, batch: &Batch<impl Questions + ?Sized>, lane: usize, progress: &mut Progress) {
+    fn reconcile(&mut self, batch: &Batch, lane: usize, progress: &mut Progress) {
         if progress.candidate != NONE {
             let (decided, off) = (self.t_best(lane) - self.exact.moved[lane], self.exact.moved_off[lane]);
             if decided + off < f64::from(progress.low) {
@@ -113,7 +113,7 @@ impl Bundle {
 
     /// Decides the candidate.
     #[inline(never)]
-    pub fn settle(&mut self, batch: &Batch<impl Questions + ?Sized>, lane: usize, progress: &mut Progress) {
+    pub fn settle(&mut self, batch: &Batch, lane: usize, progress: &mut Progress) {
         let (block, k) = batch.walked.tree.candidate(progress.candidate);
         let mut tester = self.tester(batch, lane);
         let is_sphere = progress.candidate & SPHERE_CANDIDATE != 0;
@@ -135,7 +135,7 @@ impl Bundle {
     }
 
     /// What has been decided of a lane whose candidate is settled.
-    pub fn answer(&self, batch: &Batch<impl Questions + ?Sized>, lane: usize) -> Answer {
+    pub fn answer(&self, batch: &Batch, lane: usize) -> Answer {
         match self.any >> lane & 1 == 1 {
             true if self.found >> lane & 1 == 1 => Answer { primitive: 0, ..Answer::MISS },
             false if self.decided >> lane & 1 == 1 => self.tester(batch, lane).verdict(false),

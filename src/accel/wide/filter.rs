@@ -224,11 +224,11 @@ impl FilterRay {
 #[cfg(test)]
 mod tests {
     use super::super::lanes::Plain;
-    use super::super::level::Level;
     use super::super::tree::Block;
     use super::*;
     use crate::geometry::triangle::{barycentrics, intersect};
     use crate::geometry::{NONE, Prepared, Ray, round_down, round_up};
+    use crate::simd::Level;
     use bytemuck::Zeroable;
     use glam::DVec3;
     use proptest::prelude::*;

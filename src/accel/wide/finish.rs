@@ -3,7 +3,7 @@
 //! Whatever is out of the ordinary (a grazing ray, an edge within rounding, a start that may be in doubt, an origin that was moved) is left to the decision for single rays.
 
 use super::bundle::{Bundle, RAYS, larger, of_axis};
-use super::questions::{Batch, Questions};
+use super::questions::Batch;
 use super::tree::{Block, SPHERE_CANDIDATE};
 use crate::geometry::record::Answer;
 use crate::geometry::start::RADIUS;
@@ -61,12 +61,7 @@ impl Decisions {
 
     /// Answers a bundle's rays, but for those that have been contradicted.
     #[inline(always)]
-    pub fn finish(
-        &mut self,
-        batch: &Batch<impl Questions + ?Sized>,
-        bundle: &mut Bundle,
-        answers: &mut [Answer],
-    ) {
+    pub fn finish(&mut self, batch: &Batch, bundle: &mut Bundle, answers: &mut [Answer]) {
         let (first, count) = (bundle.first, bundle.count.min(RAYS));
         let mut any_candidate = false;
         for lane in 0..count {

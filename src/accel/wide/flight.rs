@@ -6,7 +6,7 @@
 use super::bundle::{Bundle, RAYS};
 use super::lanes::Eight;
 use super::lone::{Asking, Lone, Met};
-use super::questions::{Batch, Questions};
+use super::questions::Batch;
 use super::tree::{EMPTY, LEAF, Node, SPHERES, TreeView, block_number};
 
 /// Rays in flight.
@@ -84,12 +84,7 @@ impl Flight {
     /// # Safety
     /// The level's instructions are there; the ray is one of the bundle that the ticket names.
     #[inline(always)]
-    unsafe fn visit<E: Eight>(
-        &self,
-        batch: &Batch<impl Questions + ?Sized>,
-        bundles: &mut [Box<Bundle>],
-        lazy: bool,
-    ) -> bool {
+    unsafe fn visit<E: Eight>(&self, batch: &Batch, bundles: &mut [Box<Bundle>], lazy: bool) -> bool {
         let number = block_number(self.current);
         let block = &batch.walked.tree.blocks[number as usize];
         let all = (2u32 << (self.current & 7)) - 1;
@@ -122,7 +117,7 @@ impl Flight {
 /// The level's instructions are there.
 #[inline(always)]
 pub unsafe fn fly<E: Eight>(
-    batch: &Batch<impl Questions + ?Sized>,
+    batch: &Batch,
     bundles: &mut [Box<Bundle>],
     rays: &mut [Lone],
     &Tickets { tickets, from, lazy }: &Tickets,

@@ -9,7 +9,7 @@ use super::filter::{Judged, Rays};
 use super::flight::Tickets;
 use super::lanes::Vector;
 use super::lone::{Asking, Met};
-use super::questions::{Batch, Questions};
+use super::questions::Batch;
 use super::tree::{Block, EMPTY, LEAF, Node, SPHERES, WIDTH, block_number, candidate};
 use super::walk::{Instructions, Scratch};
 
@@ -60,11 +60,7 @@ unsafe fn lanes_of<V: Vector>(values: &[u32; RAYS], value: u32) -> u64 {
 /// # Safety
 /// The level's instructions are there.
 #[inline(always)]
-pub unsafe fn packets<I: Instructions>(
-    batch: &Batch<impl Questions + ?Sized>,
-    number: usize,
-    scratch: &mut Scratch,
-) -> u64 {
+pub unsafe fn packets<I: Instructions>(batch: &Batch, number: usize, scratch: &mut Scratch) -> u64 {
     let (mut alone, mut left) = (0u64, first_lanes(scratch.bundles[number].count));
     let least = if batch.walked.cells.is_some() { LEAST_OF_CELLS } else { LEAST };
     let broadest = BROADEST * batch.walked.extent as f32;
@@ -114,7 +110,7 @@ impl Packet {
     /// # Safety
     /// The level's instructions are there.
     #[inline(always)]
-    unsafe fn walk<I: Instructions>(&self, batch: &Batch<impl Questions + ?Sized>, scratch: &mut Scratch) {
+    unsafe fn walk<I: Instructions>(&self, batch: &Batch, scratch: &mut Scratch) {
         let tree = batch.walked.tree;
         if scratch.entries.len() < tree.stack_size {
             scratch.entries.resize(tree.stack_size, Entry::NONE);
@@ -223,13 +219,7 @@ impl Packet {
     /// # Safety
     /// The level's instructions are there.
     #[inline(always)]
-    pub unsafe fn visit<I: Instructions>(
-        &self,
-        batch: &Batch<impl Questions + ?Sized>,
-        child: u32,
-        rays: u64,
-        scratch: &mut Scratch,
-    ) {
+    pub unsafe fn visit<I: Instructions>(&self, batch: &Batch, child: u32, rays: u64, scratch: &mut Scratch) {
         let number = block_number(child);
         let block = &batch.walked.tree.blocks[number as usize];
         let all = (2u32 << (child & 7)) - 1;
@@ -267,7 +257,7 @@ impl Packet {
     #[inline(always)]
     unsafe fn meet_alone<I: Instructions>(
         &self,
-        batch: &Batch<impl Questions + ?Sized>,
+        batch: &Batch,
         bundle: &mut Bundle,
         lane: usize,
         block: (&Block, bool),
@@ -296,7 +286,7 @@ impl Packet {
     #[expect(clippy::too_many_arguments, reason = "inlined: what a visit knows")]
     unsafe fn meet<I: Instructions>(
         &self,
-        batch: &Batch<impl Questions + ?Sized>,
+        batch: &Batch,
         bundle: &mut Bundle,
         at: usize,
         mut group: u32,
@@ -385,13 +375,7 @@ impl Packet {
     /// # Safety
     /// The level's instructions are there.
     #[inline(always)]
-    unsafe fn go_alone<I: Instructions>(
-        &self,
-        batch: &Batch<impl Questions + ?Sized>,
-        from: u32,
-        rays: u64,
-        scratch: &mut Scratch,
-    ) {
+    unsafe fn go_alone<I: Instructions>(&self, batch: &Batch, from: u32, rays: u64, scratch: &mut Scratch) {
         let (mut tickets, mut count, mut left) = ([0u16; ALONE as usize], 0, rays);
         while left != 0 && count < tickets.len() {
             let lane = left.trailing_zeros() as usize;

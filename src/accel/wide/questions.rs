@@ -71,8 +71,21 @@ impl Questions for (&[Ray], bool) {
     }
 }
 
-/// The batch, and what its rays go through.
-pub struct Batch<'a, 'q, Q: ?Sized> {
+impl<Q: Questions + ?Sized> Questions for &Q {
+    #[inline(always)]
+    fn question(&self, index: usize) -> (Ray, bool) {
+        (**self).question(index)
+    }
+
+    #[inline(always)]
+    fn prefetch(&self, index: usize) {
+        (**self).prefetch(index);
+    }
+}
+
+/// The batch, and what its rays go through. Kernels are compiled once for all kinds of questions: only where bundles are filled each ray is read by its own kind's code.
+#[derive(Clone, Copy)]
+pub struct Batch<'a, 'q> {
     pub walked: &'q Walked<'a>,
-    pub questions: &'q Q,
+    pub questions: &'q dyn Questions,
 }

@@ -2,10 +2,10 @@
 
 use super::filter::{FilterRay, holds};
 use super::lanes::{Eight, Plain};
-use super::level::Level;
 use super::tree::{Block, WIDTH, put};
 use crate::geometry::{NONE, Prepared, norm_max, round_down, round_up};
 use crate::scene::Surfaces;
+use crate::simd::Level;
 
 /// A ray that sifts primitives.
 pub struct Sieve {

@@ -8,7 +8,7 @@
 use super::bundle::{Bundle, RAYS, axes};
 use super::lanes::Vector;
 use super::packet::{Packet, group_mask};
-use super::questions::{Batch, Questions, Walked};
+use super::questions::{Batch, Walked};
 use super::tree::{Block, LEAF, SPHERE_CANDIDATE, SPHERES, TreeView, WIDTH, block_number, put};
 use super::walk::{Instructions, Scratch};
 use crate::accel::lattice::{BLOCK, Lattice};
@@ -122,7 +122,7 @@ impl Packet {
     #[inline(always)]
     pub unsafe fn through_cells<I: Instructions>(
         &self,
-        batch: &Batch<impl Questions + ?Sized>,
+        batch: &Batch,
         cells: Cells,
         scratch: &mut Scratch,
     ) -> u64 {
@@ -138,7 +138,7 @@ impl Packet {
     #[inline(always)]
     unsafe fn slice_by_slice<I: Instructions>(
         &self,
-        batch: &Batch<impl Questions + ?Sized>,
+        batch: &Batch,
         cells: Cells,
         gathered: &mut Gathered,
         scratch: &mut Scratch,
@@ -212,7 +212,7 @@ impl Packet {
     #[inline(always)]
     unsafe fn meet_gathered<I: Instructions>(
         &self,
-        batch: &Batch<impl Questions + ?Sized>,
+        batch: &Batch,
         child: u32,
         rays: u64,
         gathered: &mut Gathered,

@@ -8,11 +8,11 @@ use super::bundle::{Bundle, RAYS, first_lanes};
 use super::finish::Decisions;
 use super::flight::{self, Stacks, Tickets};
 use super::lanes::{Eight, Plain, Vector};
-use super::level::Traversal;
 use super::lone::{self, Lone};
 use super::packet::{self, Entry};
 use super::questions::{Batch, Questions, Walked};
 use super::slices::Gathered;
+use super::traversal::Traversal;
 use crate::geometry::record::Answer;
 
 /// Bundles whose rays are in flight together.
@@ -57,26 +57,27 @@ pub unsafe trait Instructions {
     type Most: Vector;
 
     /// [`Bundle::fill`].
-    unsafe fn fill(batch: &Batch<impl Questions + ?Sized>, bundle: &mut Bundle, first: usize, count: usize);
+    unsafe fn fill(
+        batch: &Batch,
+        questions: &(impl Questions + ?Sized),
+        bundle: &mut Bundle,
+        first: usize,
+        count: usize,
+    );
     /// [`packet::packets`].
-    unsafe fn packets(batch: &Batch<impl Questions + ?Sized>, number: usize, scratch: &mut Scratch) -> u64;
+    unsafe fn packets(batch: &Batch, number: usize, scratch: &mut Scratch) -> u64;
     /// [`lone::set_out`].
     unsafe fn set_out(walked: &Walked, bundle: &Bundle, lanes: u64, rays: &mut [Lone]) -> u64;
     /// [`flight::fly`].
     unsafe fn fly(
-        batch: &Batch<impl Questions + ?Sized>,
+        batch: &Batch,
         bundles: &mut [Box<Bundle>],
         rays: &mut [Lone],
         tickets: &Tickets,
         stacks: &mut Stacks,
     );
     /// [`Decisions::finish`].
-    unsafe fn finish(
-        batch: &Batch<impl Questions + ?Sized>,
-        decisions: &mut Decisions,
-        bundle: &mut Bundle,
-        answers: &mut [Answer],
-    );
+    unsafe fn finish(batch: &Batch, decisions: &mut Decisions, bundle: &mut Bundle, answers: &mut [Answer]);
 }
 
 macro_rules! instructions {
@@ -89,24 +90,31 @@ macro_rules! instructions {
             type Eight = $eight;
             type Most = $most;
 
-            unsafe fn fill(batch: &Batch<impl Questions + ?Sized>, bundle: &mut Bundle, first: usize, count: usize) {
+            unsafe fn fill(
+                batch: &Batch,
+                questions: &(impl Questions + ?Sized),
+                bundle: &mut Bundle,
+                first: usize,
+                count: usize,
+            ) {
                 $(#[$features])*
                 unsafe fn compiled(
-                    batch: &Batch<impl Questions + ?Sized>,
+                    batch: &Batch,
+                    questions: &(impl Questions + ?Sized),
                     bundle: &mut Bundle,
                     first: usize,
                     count: usize,
                 ) {
-                    bundle.fill(batch, first, count);
+                    bundle.fill(batch, questions, first, count);
                 }
                 // SAFETY: the caller's promise.
-                unsafe { compiled(batch, bundle, first, count) }
+                unsafe { compiled(batch, questions, bundle, first, count) }
             }
 
-            unsafe fn packets(batch: &Batch<impl Questions + ?Sized>, number: usize, scratch: &mut Scratch) -> u64 {
+            unsafe fn packets(batch: &Batch, number: usize, scratch: &mut Scratch) -> u64 {
                 $(#[$features])*
                 unsafe fn compiled(
-                    batch: &Batch<impl Questions + ?Sized>,
+                    batch: &Batch,
                     number: usize,
                     scratch: &mut Scratch,
                 ) -> u64 {
@@ -128,7 +136,7 @@ macro_rules! instructions {
             }
 
             unsafe fn fly(
-                batch: &Batch<impl Questions + ?Sized>,
+                batch: &Batch,
                 bundles: &mut [Box<Bundle>],
                 rays: &mut [Lone],
                 tickets: &Tickets,
@@ -136,7 +144,7 @@ macro_rules! instructions {
             ) {
                 $(#[$features])*
                 unsafe fn compiled(
-                    batch: &Batch<impl Questions + ?Sized>,
+                    batch: &Batch,
                     bundles: &mut [Box<Bundle>],
                     rays: &mut [Lone],
                     tickets: &Tickets,
@@ -150,14 +158,14 @@ macro_rules! instructions {
             }
 
             unsafe fn finish(
-                batch: &Batch<impl Questions + ?Sized>,
+                batch: &Batch,
                 decisions: &mut Decisions,
                 bundle: &mut Bundle,
                 answers: &mut [Answer],
             ) {
                 $(#[$features])*
                 unsafe fn compiled(
-                    batch: &Batch<impl Questions + ?Sized>,
+                    batch: &Batch,
                     decisions: &mut Decisions,
                     bundle: &mut Bundle,
                     answers: &mut [Answer],
@@ -207,14 +215,14 @@ pub unsafe fn walk<I: Instructions>(
     answers: &mut [Answer],
     scratch: &mut Scratch,
 ) {
-    let batch = Batch { walked, questions };
+    let batch = Batch { walked, questions: &questions };
     let mut bundles = 0;
     scratch.tickets.clear();
     for first in (0..answers.len()).step_by(RAYS) {
         let count = (answers.len() - first).min(RAYS);
         // SAFETY: the caller's promise.
         unsafe {
-            I::fill(&batch, &mut scratch.bundles[bundles], first, count);
+            I::fill(&batch, questions, &mut scratch.bundles[bundles], first, count);
             let mut alone = match traversal {
                 Traversal::Chosen => I::packets(&batch, bundles, scratch),
                 Traversal::Flights | Traversal::Single => first_lanes(count),
@@ -255,19 +263,19 @@ pub unsafe fn through_cells<I: Instructions>(
     scratch: &mut Scratch,
     alone: &mut Vec<usize>,
 ) {
-    let batch = Batch { walked, questions };
+    let batch = Batch { walked, questions: &questions };
     for first in (0..answers.len()).step_by(RAYS) {
         let count = (answers.len() - first).min(RAYS);
         scratch.gathered.get_or_insert_default().clear();
         // SAFETY: the caller's promise.
         unsafe {
-            I::fill(&batch, &mut scratch.bundles[0], first, count);
+            I::fill(&batch, questions, &mut scratch.bundles[0], first, count);
             let mut left = I::packets(&batch, 0, scratch);
             let Scratch { bundles, decisions, gathered, .. } = &mut *scratch;
             if left != first_lanes(count) {
                 let tree = gathered.get_or_insert_default().view();
                 let walked = Walked { tree, ..*walked };
-                I::finish(&Batch { walked: &walked, questions }, decisions, &mut bundles[0], answers);
+                I::finish(&Batch { walked: &walked, ..batch }, decisions, &mut bundles[0], answers);
                 left |= bundles[0].contradicted;
             }
             while left != 0 {
@@ -283,7 +291,7 @@ pub unsafe fn through_cells<I: Instructions>(
 /// # Safety
 /// The level's instructions are there.
 unsafe fn fly<I: Instructions>(
-    batch: &Batch<impl Questions + ?Sized>,
+    batch: &Batch,
     traversal: Traversal,
     bundles: usize,
     answers: &mut [Answer],
@@ -307,7 +315,7 @@ unsafe fn fly<I: Instructions>(
 /// # Safety
 /// The level's instructions are there.
 unsafe fn finish<I: Instructions>(
-    batch: &Batch<impl Questions + ?Sized>,
+    batch: &Batch,
     number: usize,
     answers: &mut [Answer],
     scratch: &mut Scratch,
@@ -322,7 +330,7 @@ unsafe fn finish<I: Instructions>(
         again &= again - 1;
         // SAFETY: the caller's promise.
         unsafe {
-            I::fill(batch, &mut scratch.bundles[TOGETHER], index, 1);
+            I::fill(batch, batch.questions, &mut scratch.bundles[TOGETHER], index, 1);
             scratch.rays[TOGETHER * RAYS].take(&scratch.bundles[TOGETHER], 0);
             let tickets = Tickets { tickets: &[(TOGETHER * RAYS) as u16], from: 0, lazy: false };
             I::fly(batch, &mut scratch.bundles, &mut scratch.rays, &tickets, &mut scratch.stacks);

@@ -1,7 +1,5 @@
 //! How the rays of a batch go through the tree.
 
-pub use crate::simd::{LEVEL_VARIABLE, Level};
-
 /// How the rays of a batch go through the tree. The answers are the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Traversal {
