@@ -28,8 +28,7 @@ impl Sink for Kept {
 impl Kept {
     fn sorted(mut self) -> Self {
         let bits = |color: Color| color.map(f64::to_bits);
-        self.rays
-            .sort_by_key(|ray| (ray.pixel, ray.bounce, ray.made_by as u8, ray.throughput.map(f64::to_bits)));
+        self.rays.sort_by_key(|ray| (ray.pixel, ray.bounce, ray.made_by, ray.throughput.map(f64::to_bits)));
         self.light.sort_by_key(|&(pixel, radiance)| (pixel, bits(radiance)));
         self
     }
