@@ -416,7 +416,8 @@ mod x86 {
         a | {
             let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
             let mask = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(mask as i32), bits), bits);
-            _mm256_maskstore_ps(to, mask, a);
+            // Some processors take far longer over a masked store.
+            _mm256_store_ps(to, _mm256_blendv_ps(_mm256_load_ps(to), a, _mm256_castsi256_ps(mask)));
         },
         largest | a | largest_of_eight!(a),
         same | from,
