@@ -9,7 +9,7 @@ use super::filter::{FilterRay, U, deltas, holds};
 use super::questions::{Batch, Questions, Walked};
 use crate::accel::tester::Best;
 use crate::geometry::bounds::Slabs;
-use crate::geometry::{NONE, Prepared, Ray, dot, norm_max};
+use crate::geometry::{NONE, Prepared, Ray, dot, norm_max, of_axis};
 
 /// Rays of a bundle: a bit of a `u64` for each.
 pub const RAYS: usize = 64;
@@ -371,18 +371,6 @@ impl Progress {
 #[inline(always)]
 pub fn larger(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
-}
-
-/// Which of the three belongs to the axis of a direction's largest component.
-#[inline(always)]
-pub fn of_axis<T>(along_x: bool, along_y: bool, [x, y, z]: [T; 3]) -> T {
-    if along_x {
-        x
-    } else if along_y {
-        y
-    } else {
-        z
-    }
 }
 
 /// An f32 at or below t, by at most an ulp or two. Infinity stays.

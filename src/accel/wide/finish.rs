@@ -2,13 +2,13 @@
 //!
 //! Whatever is out of the ordinary (a grazing ray, an edge within rounding, a start that may be in doubt, an origin that was moved) is left to the decision for single rays.
 
-use super::bundle::{Bundle, RAYS, larger, of_axis};
+use super::bundle::{Bundle, RAYS, larger};
 use super::questions::Batch;
 use super::tree::{Block, SPHERE_CANDIDATE};
 use crate::geometry::record::Answer;
 use crate::geometry::start::RADIUS;
 use crate::geometry::triangle::GRAZING;
-use crate::geometry::{NONE, sphere};
+use crate::geometry::{NONE, of_axis, sphere};
 use crate::scene::Surfaces;
 use crate::scene::mesh::{Sphere, is_guest};
 
