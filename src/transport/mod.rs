@@ -78,8 +78,8 @@ impl<'a> Transport<'a> {
         out: &mut impl Sink,
     ) {
         match self.integrator {
-            Integrator::Whitted => whitted::advance_all(self, records, answers, &mut scratch.glossy, out),
-            Integrator::Path => path::advance_all(self, records, answers, &mut scratch.matt, out),
+            Integrator::Whitted => lanes::advance_all(self, records, answers, &mut *scratch.glossy, out),
+            Integrator::Path => lanes::advance_all(self, records, answers, &mut *scratch.matt, out),
         }
     }
 

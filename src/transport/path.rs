@@ -9,7 +9,6 @@ use std::f64::consts::PI;
 use glam::DVec3;
 
 use super::bsdf::Bsdf;
-use super::lanes::matt::Matt;
 use super::sampler::Purpose;
 use super::surface::Interaction;
 use super::{Sink, Transport, is_black, scaled, times};
@@ -25,25 +24,6 @@ pub fn advance(transport: &Transport, record: &RayRecord, answer: &Answer, out: 
         Query::Occluded | Query::Attenuated if !answer.is_hit() => out.deposit(record, record.throughput),
         Query::Occluded | Query::Attenuated => {}
     }
-}
-
-/// Goes on from the answers to a batch of records, as [`advance`] does from each.
-pub fn advance_all(
-    transport: &Transport,
-    records: &[RayRecord],
-    answers: &[Answer],
-    matt: &mut Matt,
-    out: &mut impl Sink,
-) {
-    for (place, (record, answer)) in records.iter().zip(answers).enumerate() {
-        let is_hit = record.query() == Query::Closest && answer.is_hit();
-        if !is_hit || !matt.take(transport, place, record, answer) {
-            advance(transport, record, answer, out);
-        } else if matt.hits.is_full() {
-            matt.flush(transport, records, answers, out);
-        }
-    }
-    matt.flush(transport, records, answers, out);
 }
 
 /// How light is weighted and paths end.

@@ -3,7 +3,6 @@
 
 use glam::DVec3;
 
-use super::lanes::glossy::Glossy;
 use super::surface::Interaction;
 use super::{Sink, Transport, add, is_black, phong, scaled, times};
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
@@ -20,25 +19,6 @@ pub fn advance(transport: &Transport, record: &RayRecord, answer: &Answer, out: 
         Query::Occluded => {}
         Query::Attenuated => attenuate(transport, record, answer, out),
     }
-}
-
-/// Goes on from the answers to a batch of records, as [`advance`] does from each.
-pub fn advance_all(
-    transport: &Transport,
-    records: &[RayRecord],
-    answers: &[Answer],
-    glossy: &mut Glossy,
-    out: &mut impl Sink,
-) {
-    for (place, (record, answer)) in records.iter().zip(answers).enumerate() {
-        let is_hit = record.query() == Query::Closest && answer.is_hit();
-        if !is_hit || !glossy.take(transport, place, record, answer) {
-            advance(transport, record, answer, out);
-        } else if glossy.hits.is_full() {
-            glossy.flush(transport, records, answers, out);
-        }
-    }
-    glossy.flush(transport, records, answers, out);
 }
 
 /// Goes on towards the light through a transparent surface, weakened by its kt.

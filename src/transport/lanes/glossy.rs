@@ -1,8 +1,6 @@
 //! Opaque surfaces that Whitted's rays meet, lit by Phong's formula.
 
-use super::{
-    Hits, LANES, LEAST, NOTHING, NOWHERE, Numbers, Vectors, at, color_at, kept, plain_material, put,
-};
+use super::{Hits, Kind, LANES, NOTHING, NOWHERE, Numbers, Vectors, at, color_at, kept, plain_material, put};
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
 use crate::scene::{Color, Light};
 use crate::simd::compiled;
@@ -13,13 +11,14 @@ use crate::transport::{Sink, Transport, add, is_black, scaled, times};
 /// Hits, and what goes on from them.
 #[repr(C, align(64))]
 pub struct Glossy {
-    pub hits: Hits,
+    hits: Hits,
+    materials: [u32; LANES],
     /// Throughput times 1 - reflectivity.
     local: Vectors,
     matt: Vectors,
     glossy: Vectors,
     shininess: [u64; LANES],
-    /// Of a light: to where it is, what it gives, and where shadow rays to it end.
+    /// Of a light: to where it is, what it gives, where shadow rays to it end, and falloff times cone.
     to_light: Vectors,
     lit: Vectors,
     t_max: Numbers,
@@ -31,6 +30,7 @@ impl Default for Glossy {
     fn default() -> Self {
         Glossy {
             hits: Hits::default(),
+            materials: [0; LANES],
             local: NOWHERE,
             matt: NOWHERE,
             glossy: NOWHERE,
@@ -52,10 +52,13 @@ compiled! {
     fn illuminate(glossy: &mut Glossy, light: &Light) = Glossy::illuminate;
 }
 
-impl Glossy {
-    /// Takes a hit, if it is one for this; whether it is.
+impl Kind for Glossy {
+    fn hits(&mut self) -> &mut Hits {
+        &mut self.hits
+    }
+
     #[inline]
-    pub fn take(&mut self, transport: &Transport, place: usize, record: &RayRecord, answer: &Answer) -> bool {
+    fn take(&mut self, transport: &Transport, place: usize, record: &RayRecord, answer: &Answer) -> bool {
         let Some((part, material)) = plain_material(transport, answer.primitive) else { return false };
         let exponent = phong::whole(material.shininess);
         let Some(exponent) = exponent.or(is_black(material.ks).then_some(0)) else { return false };
@@ -63,6 +66,7 @@ impl Glossy {
             return false;
         }
         let lane = self.hits.take(transport, part, place, record, answer);
+        self.materials[lane] = part.material;
         put(&mut self.local, lane, scaled(record.throughput, 1.0 - material.reflectivity));
         put(&mut self.matt, lane, material.kd);
         put(&mut self.glossy, lane, material.ks);
@@ -70,27 +74,19 @@ impl Glossy {
         true
     }
 
-    /// Does with all that were taken what [`whitted`] does with each.
-    pub fn flush(
+    fn shade(
         &mut self,
         transport: &Transport,
         records: &[RayRecord],
-        answers: &[Answer],
+        _: &[Answer],
+        count: usize,
         out: &mut impl Sink,
     ) {
-        let count = std::mem::take(&mut self.hits.count);
-        if count < LEAST {
-            for &place in &self.hits.places[..count] {
-                whitted::advance(transport, &records[place as usize], &answers[place as usize], out);
-            }
-            return;
-        }
         surfaces(self);
         let header = &transport.scene.header;
         for lane in 0..count {
             let record = &records[self.hits.places[lane] as usize];
-            let part = transport.scene.part(self.hits.primitives[lane]);
-            let material = &header.materials[part.material as usize];
+            let material = &header.materials[self.materials[lane] as usize];
             let emission = material.emitted(self.hits.entering[lane]);
             let shown = add(times(material.ka, transport.ambient), emission);
             let glow = times(color_at(&self.local, lane), shown);
@@ -102,9 +98,10 @@ impl Glossy {
                 self.push_mirrored(transport, record, lane, weight, out);
             }
         }
+        let world_unit = 1.0 / header.frame.scale;
         for (number, light) in header.lights.iter().enumerate() {
             for lane in 0..LANES {
-                let arrival = light.arrival(at(&self.hits.position, lane), 1.0 / header.frame.scale);
+                let arrival = light.arrival(at(&self.hits.position, lane), world_unit);
                 put(&mut self.to_light, lane, arrival.to_light.to_array());
                 (self.t_max[lane], self.strength[lane]) = (arrival.t_max, arrival.strength);
             }
@@ -115,6 +112,12 @@ impl Glossy {
         }
     }
 
+    fn alone(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut impl Sink) {
+        whitted::advance(transport, record, answer, out);
+    }
+}
+
+impl Glossy {
     /// Where the rays end, and their mirror images.
     #[inline(always)]
     fn surfaces(&mut self) {

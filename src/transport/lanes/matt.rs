@@ -1,7 +1,7 @@
 //! Matt surfaces that paths meet.
 
 use super::{
-    Flags, Hits, LANES, LEAST, NOTHING, NOWHERE, Numbers, Vectors, at, color_at, kept, plain_material, put,
+    Flags, Hits, Kind, LANES, NOTHING, NOWHERE, Numbers, Vectors, at, color_at, kept, plain_material, put,
 };
 use crate::geometry::record::{Answer, Origin, Query, RayRecord};
 use crate::geometry::triangle::meet_plainly;
@@ -19,7 +19,7 @@ use crate::transport::{Sink, Transport, is_black, scaled, times};
 /// Hits, and what goes on from them.
 #[repr(C, align(64))]
 pub struct Matt {
-    pub hits: Hits,
+    hits: Hits,
     branches: Branches<LANES>,
     albedo: Vectors,
     /// The frame that light is scattered in: the z axis and the others.
@@ -100,10 +100,13 @@ compiled! {
     fn rays(matt: &mut Matt, chances: &Chances) = Matt::rays;
 }
 
-impl Matt {
-    /// Takes a hit, if it is one for this; whether it is.
+impl Kind for Matt {
+    fn hits(&mut self) -> &mut Hits {
+        &mut self.hits
+    }
+
     #[inline]
-    pub fn take(&mut self, transport: &Transport, place: usize, record: &RayRecord, answer: &Answer) -> bool {
+    fn take(&mut self, transport: &Transport, place: usize, record: &RayRecord, answer: &Answer) -> bool {
         if record.bounce >= transport.max_depth {
             return false;
         }
@@ -120,21 +123,14 @@ impl Matt {
         true
     }
 
-    /// Does with all that were taken what [`path`] does with each.
-    pub fn flush(
+    fn shade(
         &mut self,
         transport: &Transport,
         records: &[RayRecord],
         answers: &[Answer],
+        count: usize,
         out: &mut impl Sink,
     ) {
-        let count = std::mem::take(&mut self.hits.count);
-        if count < LEAST {
-            for &place in &self.hits.places[..count] {
-                path::advance(transport, &records[place as usize], &answers[place as usize], out);
-            }
-            return;
-        }
         surfaces(self, &transport.sampler);
         for lane in 0..count {
             self.choose_light(transport, lane);
@@ -152,6 +148,12 @@ impl Matt {
         }
     }
 
+    fn alone(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut impl Sink) {
+        path::advance(transport, record, answer, out);
+    }
+}
+
+impl Matt {
     /// Where the rays end, and the numbers that decide how they go on.
     #[inline(always)]
     fn surfaces(&mut self, sampler: &Sampler) {

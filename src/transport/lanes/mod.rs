@@ -8,17 +8,17 @@ pub mod matt;
 
 use glam::DVec3;
 
-use super::Transport;
 use super::surface::{facing, turned, unit, weighted, widened};
+use super::{Sink, Transport};
 use crate::geometry::position;
-use crate::geometry::record::{Answer, RayRecord};
+use crate::geometry::record::{Answer, Query, RayRecord};
 use crate::scene::mesh::{NONE, Part};
 use crate::scene::{Color, Material, Shading};
 
 /// Hits that are worked on together.
 pub const LANES: usize = 32;
 /// Fewer aren't worth it.
-pub const LEAST: usize = 4;
+const LEAST: usize = 4;
 
 pub type Numbers = [f64; LANES];
 /// By axis.
@@ -52,10 +52,68 @@ pub fn kept([r, g, b]: Color, goes: bool) -> Color {
     [keep(r), keep(g), keep(b)]
 }
 
+/// Hits of one kind, and how an integrator goes on from them.
+pub trait Kind {
+    fn hits(&mut self) -> &mut Hits;
+
+    /// Takes a hit, if it is of this kind; whether it is.
+    fn take(&mut self, transport: &Transport, place: usize, record: &RayRecord, answer: &Answer) -> bool;
+
+    /// Does with the first `count` that were taken what [`alone`](Self::alone) does with each.
+    fn shade(
+        &mut self,
+        transport: &Transport,
+        records: &[RayRecord],
+        answers: &[Answer],
+        count: usize,
+        out: &mut impl Sink,
+    );
+
+    /// Goes on from any answer.
+    fn alone(transport: &Transport, record: &RayRecord, answer: &Answer, out: &mut impl Sink);
+}
+
+/// Goes on from the answers to a batch of records, hits of the kind side by side.
+pub fn advance_all<K: Kind>(
+    transport: &Transport,
+    records: &[RayRecord],
+    answers: &[Answer],
+    kind: &mut K,
+    out: &mut impl Sink,
+) {
+    for (place, (record, answer)) in records.iter().zip(answers).enumerate() {
+        let is_hit = record.query() == Query::Closest && answer.is_hit();
+        if !is_hit || !kind.take(transport, place, record, answer) {
+            K::alone(transport, record, answer, out);
+        } else if kind.hits().count == LANES {
+            flush(transport, records, answers, kind, out);
+        }
+    }
+    flush(transport, records, answers, kind, out);
+}
+
+fn flush<K: Kind>(
+    transport: &Transport,
+    records: &[RayRecord],
+    answers: &[Answer],
+    kind: &mut K,
+    out: &mut impl Sink,
+) {
+    let count = std::mem::take(&mut kind.hits().count);
+    if count >= LEAST {
+        kind.shade(transport, records, answers, count, out);
+        return;
+    }
+    for lane in 0..count {
+        let place = kind.hits().places[lane] as usize;
+        K::alone(transport, &records[place], &answers[place], out);
+    }
+}
+
 /// Surfaces at hits, each in its lane.
 #[repr(C, align(64))]
 pub struct Hits {
-    pub count: usize,
+    count: usize,
     /// Places of their records in the batch.
     pub places: [u32; LANES],
     pub primitives: [u32; LANES],
@@ -155,10 +213,6 @@ impl Hits {
             put(&mut self.touched, lane, touched.to_array());
         }
         lane
-    }
-
-    pub fn is_full(&self) -> bool {
-        self.count == LANES
     }
 
     /// Where the rays end.
