@@ -139,7 +139,7 @@ impl Grid {
         &self,
         level: Level,
         surfaces: &Surfaces,
-        questions: &(impl Questions + ?Sized),
+        questions: &impl Questions,
         answers: &mut [Answer],
     ) {
         if self.starts.is_empty() {

@@ -182,7 +182,7 @@ impl Accel {
             }
             Accel::Grid(grid) => {
                 answers.resize(records.len(), Answer::MISS);
-                grid.trace(Level::chosen(), surfaces, records, answers);
+                grid.trace(Level::chosen(), surfaces, &records, answers);
             }
             Accel::Spheres(_) | Accel::Brute => answers.extend(
                 records

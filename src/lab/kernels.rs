@@ -13,7 +13,7 @@ use super::aim::Dice;
 use super::plain_grid;
 use crate::accel::Accel;
 use crate::accel::wide::traversal::Traversal;
-use crate::accel::wide::{Questions, Wide, prefetch_record};
+use crate::accel::wide::{PlainRays, Questions, Wide};
 use crate::error::{Error, Result};
 use crate::geometry::record::Answer;
 use crate::geometry::{NONE, Ray};
@@ -92,34 +92,6 @@ pub struct Subject {
     pub build: Duration,
 }
 
-/// Rays from a file, on their way into stored space.
-struct Asked<'a> {
-    rays: &'a [FileRay],
-    frame: &'a Frame,
-    any: bool,
-}
-
-impl Questions for Asked<'_> {
-    #[inline(always)]
-    fn question(&self, index: usize) -> (Ray, bool) {
-        let [x, y, z, t_min, dx, dy, dz, t_max] = self.rays[index];
-        let ray = Ray {
-            origin: self.frame.to_stored(DVec3::new(f64::from(x), f64::from(y), f64::from(z))),
-            direction: DVec3::new(f64::from(dx), f64::from(dy), f64::from(dz)),
-            t_min: f64::from(t_min) * self.frame.scale,
-            t_max: f64::from(t_max) * self.frame.scale,
-            first_id: 0,
-            start: NONE,
-        };
-        (ray, self.any)
-    }
-
-    #[inline(always)]
-    fn prefetch(&self, index: usize) {
-        prefetch_record(self.rays, index);
-    }
-}
-
 impl Subject {
     /// Reads a scene (.toml), a model (.obj) or a plain mesh (.tri) and builds its hierarchy on the current rayon pool.
     ///
@@ -174,7 +146,8 @@ impl Subject {
                         || vec![Answer::MISS; CHUNK],
                         |answers, rays| {
                             let answers = &mut answers[..rays.len()];
-                            let asked = Asked { rays, frame: &self.frame, any: kind == Kind::Occluded };
+                            let any = kind == Kind::Occluded;
+                            let asked = PlainRays { rays, frame: &self.frame, any };
                             self.answer(mode, &asked, answers);
                             answers.iter().filter(|answer| answer.is_hit()).count()
                         },
@@ -186,7 +159,7 @@ impl Subject {
         (seconds, hits)
     }
 
-    fn answer(&self, mode: Mode, asked: &Asked, answers: &mut [Answer]) {
+    fn answer(&self, mode: Mode, asked: &PlainRays, answers: &mut [Answer]) {
         let grid = self.grid.as_ref();
         let hit = |is_hit: bool| Answer { primitive: if is_hit { 0 } else { NONE }, ..Answer::MISS };
         for (index, answer) in answers.iter_mut().enumerate() {

@@ -6,6 +6,7 @@
 //! An origin far outside is first moved along the ray to the scene's box, in f64; all t of the f32 kernels count from there.
 
 use super::filter::{FilterRay, U, deltas, holds};
+use super::lanes::Eight;
 use super::questions::{Batch, Questions, Walked};
 use crate::accel::tester::Best;
 use crate::geometry::bounds::Slabs;
@@ -18,9 +19,9 @@ const STEEPEST: f32 = 1e18;
 /// An origin farther from the scene's box than this many of its sizes is moved.
 const NEAR_ENOUGH: f64 = 4.0;
 /// No f32 rounds to more than this part of itself aside.
-const ROUNDING: f64 = 1.0 / 8_388_608.0;
+const ROUNDING: f32 = 1.0 / 8_388_608.0;
 /// Put aside of every t beside that: far below what the filter can tell, yet no denormal number, which processors are slow with.
-const LEAST: f64 = 1e-30;
+const LEAST: f32 = 1e-30;
 
 /// What has been found for a ray on its way.
 ///
@@ -46,13 +47,15 @@ pub struct Exact {
     pub origin: [[f64; RAYS]; 3],
     /// Scaled, as all t are: its largest component lies in [1, 2).
     pub direction: [[f64; RAYS]; 3],
-    pub scale: [f64; RAYS],
     pub t_min: [f64; RAYS],
     pub t_max: [f64; RAYS],
+    pub scale: [f64; RAYS],
     /// Where the t of f32 counts from.
     pub moved: [f64; RAYS],
     /// How far off the t of a decision may be, of an origin that was moved.
     pub moved_off: [f64; RAYS],
+    /// Whether any was.
+    any_moved: bool,
 }
 
 impl Exact {
@@ -151,6 +154,7 @@ impl Bundle {
                 t_max: NOWHERE,
                 moved: NOWHERE,
                 moved_off: NOWHERE,
+                any_moved: false,
             },
             best: [Best::NONE; RAYS],
             decided: 0,
@@ -167,49 +171,43 @@ impl Bundle {
     }
 
     /// Takes rays of the batch, from `first` on. Loops over lanes are written so that the compiler makes vectors of them.
+    ///
+    /// # Safety
+    /// The level's instructions are there; there are `count` rays, at most [`RAYS`].
     #[inline(always)]
-    pub fn fill(&mut self, batch: &Batch, questions: &(impl Questions + ?Sized), first: usize, count: usize) {
-        let count = count.min(RAYS);
-        self.gather(questions, first, count);
+    pub unsafe fn fill<E: Eight>(
+        &mut self,
+        batch: &Batch,
+        questions: &impl Questions,
+        first: usize,
+        count: usize,
+    ) {
+        let exact = &mut self.exact;
+        // SAFETY: the caller's promise.
+        self.any = unsafe { questions.gather::<E>(first, count, exact, &mut self.start) };
+        (self.first, self.count) = (first, count);
+        (self.decided, self.found, self.contradicted) = (0, 0, 0);
         // All lanes are filled and worked on: loops of a known length are the fastest.
         for lane in count..RAYS {
             for axis in 0..3 {
-                self.exact.origin[axis][lane] = self.exact.origin[axis][0];
-                self.exact.direction[axis][lane] = self.exact.direction[axis][0];
+                exact.origin[axis][lane] = exact.origin[axis][0];
+                exact.direction[axis][lane] = exact.direction[axis][0];
             }
-            (self.exact.t_min[lane], self.exact.t_max[lane]) = (self.exact.t_min[0], self.exact.t_max[0]);
+            (exact.t_min[lane], exact.t_max[lane]) = (exact.t_min[0], exact.t_max[0]);
         }
         self.approach(batch);
         self.scale();
         self.round();
     }
 
-    /// Reads the rays as they are asked.
-    #[inline(always)]
-    fn gather(&mut self, questions: &(impl Questions + ?Sized), first: usize, count: usize) {
-        (self.first, self.count) = (first, count);
-        (self.decided, self.any, self.found, self.contradicted) = (0, 0, 0, 0);
-        let exact = &mut self.exact;
-        for lane in 0..count {
-            questions.prefetch(first + lane + RAYS);
-            let (ray, any) = questions.question(first + lane);
-            let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
-            for axis in 0..3 {
-                exact.origin[axis][lane] = origin[axis];
-                exact.direction[axis][lane] = direction[axis];
-            }
-            (exact.t_min[lane], exact.t_max[lane]) = (ray.t_min, ray.t_max);
-            self.start[lane] = ray.start;
-            self.any |= u64::from(any) << lane;
-        }
-    }
-
     /// Moves origins that are far outside, before their directions are scaled, and tells how far from 0 all of them lie.
     #[inline(always)]
     fn approach(&mut self, batch: &Batch) {
         let extent = batch.walked.extent;
-        self.exact.moved = [0.0; RAYS];
-        self.exact.moved_off = [0.0; RAYS];
+        if self.exact.any_moved {
+            (self.exact.moved, self.exact.moved_off) = ([0.0; RAYS], [0.0; RAYS]);
+            self.exact.any_moved = false;
+        }
         let (mut nearest, mut farthest) = self.distances();
         let mut off = 0.0;
         if farthest > NEAR_ENOUGH * extent {
@@ -247,6 +245,7 @@ impl Bundle {
             if norm_max(ray.origin.to_array()) > NEAR_ENOUGH * batch.walked.extent {
                 let (moved, off, from) = move_to_box(batch.walked, &ray);
                 (exact.moved[lane], exact.moved_off[lane]) = (moved, off);
+                exact.any_moved = true;
                 most = f64::max(most, off);
                 for axis in 0..3 {
                     exact.origin[axis][lane] = from[axis];
@@ -300,27 +299,29 @@ impl Bundle {
                 self.far_origin[axis][lane] = (origin - pad) * inverse;
             }
         }
+        let ([ix, iy, iz], [dx, dy, dz]) = (&self.inverse, &self.direction);
         for lane in 0..RAYS {
-            let (along_x, along_y) = (self.class[lane] < 8, self.class[lane] >> 3 == 1);
-            let [dx, dy, dz] = [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]];
-            let inverse_z = of_axis(
-                along_x,
-                along_y,
-                [self.inverse[0][lane], self.inverse[1][lane], self.inverse[2][lane]],
-            );
+            let axis = self.class[lane] >> 3;
+            let along = [mask(axis == 0), mask(axis == 1), mask(axis == 2)];
+            let inverse_z = one_of(along, [ix[lane], iy[lane], iz[lane]]);
             self.inverse_z[lane] = inverse_z;
-            self.shear[0][lane] = of_axis(along_x, along_y, [dy, dz, dx]) * inverse_z;
-            self.shear[1][lane] = of_axis(along_x, along_y, [dz, dx, dy]) * inverse_z;
+            self.shear[0][lane] = one_of(along, [dy[lane], dz[lane], dx[lane]]) * inverse_z;
+            self.shear[1][lane] = one_of(along, [dz[lane], dx[lane], dy[lane]]) * inverse_z;
         }
         let exact = &self.exact;
-        for lane in 0..RAYS {
-            let (moved, off) = (exact.moved[lane], exact.moved_off[lane]);
-            let begin = exact.t_min[lane] - moved;
-            self.t_min[lane] = lower(begin - off);
-            self.sure[0][lane] = upper(begin + off);
-            let end = exact.t_max[lane] - moved;
-            self.limit[lane] = upper(end + off);
-            self.sure[1][lane] = lower(end - off);
+        if exact.any_moved {
+            for lane in 0..RAYS {
+                let (moved, off) = (exact.moved[lane], exact.moved_off[lane]);
+                let (begin, end) = (exact.t_min[lane] - moved, exact.t_max[lane] - moved);
+                (self.t_min[lane], self.sure[0][lane]) = (lower(begin - off), upper(begin + off));
+                (self.sure[1][lane], self.limit[lane]) = (lower(end - off), upper(end + off));
+            }
+        } else {
+            for lane in 0..RAYS {
+                let (begin, end) = (exact.t_min[lane] as f32, exact.t_max[lane] as f32);
+                (self.t_min[lane], self.sure[0][lane]) = (below(begin), -below(-begin));
+                (self.sure[1][lane], self.limit[lane]) = (below(end), -below(-end));
+            }
         }
         self.low = [f32::INFINITY; RAYS];
         self.high = [f32::INFINITY; RAYS];
@@ -376,14 +377,32 @@ pub fn larger(a: f64, b: f64) -> f64 {
 /// An f32 at or below t, by at most an ulp or two. Infinity stays.
 #[inline(always)]
 pub fn lower(t: f64) -> f32 {
-    let t = if t < f64::MAX { t } else { f64::MAX };
-    (t - t.abs() * ROUNDING - LEAST) as f32
+    below(t as f32)
+}
+
+/// The same of a rounded t: what rounding brought it up by is half an ulp at most, and an ulp is at most `ROUNDING` of it.
+#[inline(always)]
+fn below(t: f32) -> f32 {
+    let less = t - t.abs() * ROUNDING - LEAST;
+    if t.abs() < f32::INFINITY { less } else { t }
 }
 
 /// An f32 at or above t, by at most an ulp or two. Infinity stays.
 #[inline(always)]
 pub fn upper(t: f64) -> f32 {
     -lower(-t)
+}
+
+/// All bits or none.
+#[inline(always)]
+fn mask(is: bool) -> u32 {
+    0u32.wrapping_sub(u32::from(is))
+}
+
+/// The number whose mask is set, without a branch: stores behind those become masked ones, which some processors take long over.
+#[inline(always)]
+fn one_of(masks: [u32; 3], [x, y, z]: [f32; 3]) -> f32 {
+    f32::from_bits((x.to_bits() & masks[0]) | (y.to_bits() & masks[1]) | (z.to_bits() & masks[2]))
 }
 
 /// Where a ray from far outside comes to the scene's box: how far along, how far off the t of a decision may be, and the point. A ray that misses the box is left where it

@@ -58,8 +58,11 @@ pub unsafe trait Eight: Vector {
         to_t: *mut f32,
     ) -> u32;
 
-    /// Writes the eight numbers at each of `rows`, aligned as for `load`, as columns: the first of all at `to`, the second `stride` numbers on, aligned too.
+    /// Writes the eight numbers at each of `rows` as columns: the first of all at `to`, aligned as for `load`, the second `stride` numbers on, aligned too.
     unsafe fn transpose(rows: [*const f32; 8], to: *mut f32, stride: usize);
+
+    /// The same of four rows of four f64.
+    unsafe fn transpose_doubles(rows: [*const f64; 4], to: *mut f64, stride: usize);
 }
 
 /// Plain arrays: the compiler makes of them what the architecture's least processor has.
@@ -209,6 +212,16 @@ unsafe impl Eight for Plain {
         for column in 0..8 {
             for (row, from) in rows.iter().enumerate() {
                 // SAFETY: the caller gives eight numbers of each row and eight columns.
+                unsafe { to.add(column * stride + row).write(*from.add(column)) };
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn transpose_doubles(rows: [*const f64; 4], to: *mut f64, stride: usize) {
+        for column in 0..4 {
+            for (row, from) in rows.iter().enumerate() {
+                // SAFETY: the caller gives four numbers of each row and four columns.
                 unsafe { to.add(column * stride + row).write(*from.add(column)) };
             }
         }
@@ -537,8 +550,8 @@ mod x86 {
                         for half in 0..2 {
                             let mut four = [_mm256_setzero_ps(); 4];
                             for row in 0..4 {
-                                let low = _mm_load_ps(rows[row].add(4 * half));
-                                let high = _mm_load_ps(rows[row + 4].add(4 * half));
+                                let low = _mm_loadu_ps(rows[row].add(4 * half));
+                                let high = _mm_loadu_ps(rows[row + 4].add(4 * half));
                                 four[row] = _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(low), high);
                             }
                             let (a, b) =
@@ -550,6 +563,25 @@ mod x86 {
                             _mm256_store_ps(to.add(stride), _mm256_shuffle_ps::<0xee>(a, b));
                             _mm256_store_ps(to.add(2 * stride), _mm256_shuffle_ps::<0x44>(c, d));
                             _mm256_store_ps(to.add(3 * stride), _mm256_shuffle_ps::<0xee>(c, d));
+                        }
+                    }
+                }
+
+                #[inline(always)]
+                unsafe fn transpose_doubles(rows: [*const f64; 4], to: *mut f64, stride: usize) {
+                    // SAFETY: as said above; four numbers of each row and four columns are the caller's promise.
+                    unsafe {
+                        // Rows 0 and 1 in the lower halves, 2 and 3 in the upper ones.
+                        for half in 0..2 {
+                            let mut two = [_mm256_setzero_pd(); 2];
+                            for row in 0..2 {
+                                let low = _mm_loadu_pd(rows[row].add(2 * half));
+                                let high = _mm_loadu_pd(rows[row + 2].add(2 * half));
+                                two[row] = _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(low), high);
+                            }
+                            let to = to.add(2 * half * stride);
+                            _mm256_store_pd(to, _mm256_unpacklo_pd(two[0], two[1]));
+                            _mm256_store_pd(to.add(stride), _mm256_unpackhi_pd(two[0], two[1]));
                         }
                     }
                 }

@@ -40,7 +40,7 @@ use crate::scene::Surfaces;
 use crate::settings::BuildPreset;
 use crate::simd::Level;
 use questions::Walked;
-pub use questions::{Questions, prefetch_record};
+pub use questions::{PlainRays, Questions, prefetch_record};
 use slices::Cells;
 use spatial::Cuts;
 use traversal::Traversal;
@@ -148,7 +148,7 @@ impl Wide {
 
     /// Answers a batch of records in their order.
     pub fn trace(&self, surfaces: &Surfaces, records: &[RayRecord], answers: &mut [Answer]) {
-        self.answer(Level::chosen(), Traversal::Chosen, surfaces, records, answers);
+        self.answer(Level::chosen(), Traversal::Chosen, surfaces, &records, answers);
     }
 
     /// The least (t, primitive id) that each ray meets, or whether it meets anything: then a hit is primitive 0.
@@ -160,7 +160,7 @@ impl Wide {
         level: Level,
         traversal: Traversal,
         surfaces: &Surfaces,
-        questions: &(impl Questions + ?Sized),
+        questions: &impl Questions,
         answers: &mut [Answer],
     ) {
         assert!(level.is_available(), "{} isn't there", level.name());
@@ -184,7 +184,7 @@ impl Wide {
         level: Level,
         traversal: Traversal,
         surfaces: &Surfaces,
-        questions: &(impl Questions + ?Sized),
+        questions: &impl Questions,
         answers: &mut [Answer],
     ) {
         if self.tree.nodes.is_empty() {
@@ -210,7 +210,7 @@ pub fn through_cells(
     level: Level,
     cells: Cells,
     surfaces: &Surfaces,
-    questions: &(impl Questions + ?Sized),
+    questions: &impl Questions,
     answers: &mut [Answer],
     alone: &mut Vec<usize>,
 ) {

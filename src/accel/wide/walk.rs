@@ -59,7 +59,7 @@ pub unsafe trait Instructions {
     /// [`Bundle::fill`].
     unsafe fn fill(
         batch: &Batch,
-        questions: &(impl Questions + ?Sized),
+        questions: &impl Questions,
         bundle: &mut Bundle,
         first: usize,
         count: usize,
@@ -92,7 +92,7 @@ macro_rules! instructions {
 
             unsafe fn fill(
                 batch: &Batch,
-                questions: &(impl Questions + ?Sized),
+                questions: &impl Questions,
                 bundle: &mut Bundle,
                 first: usize,
                 count: usize,
@@ -100,12 +100,13 @@ macro_rules! instructions {
                 $(#[$features])*
                 unsafe fn compiled(
                     batch: &Batch,
-                    questions: &(impl Questions + ?Sized),
+                    questions: &impl Questions,
                     bundle: &mut Bundle,
                     first: usize,
                     count: usize,
                 ) {
-                    bundle.fill(batch, questions, first, count);
+                    // SAFETY: the caller's promise.
+                    unsafe { bundle.fill::<$eight>(batch, questions, first, count) };
                 }
                 // SAFETY: the caller's promise.
                 unsafe { compiled(batch, questions, bundle, first, count) }
@@ -211,11 +212,11 @@ instructions!(
 pub unsafe fn walk<I: Instructions>(
     walked: &Walked,
     traversal: Traversal,
-    questions: &(impl Questions + ?Sized),
+    questions: &impl Questions,
     answers: &mut [Answer],
     scratch: &mut Scratch,
 ) {
-    let batch = Batch { walked, questions: &questions };
+    let batch = Batch { walked, questions };
     let mut bundles = 0;
     scratch.tickets.clear();
     for first in (0..answers.len()).step_by(RAYS) {
@@ -258,12 +259,12 @@ pub unsafe fn walk<I: Instructions>(
 /// The level's instructions are there.
 pub unsafe fn through_cells<I: Instructions>(
     walked: &Walked,
-    questions: &(impl Questions + ?Sized),
+    questions: &impl Questions,
     answers: &mut [Answer],
     scratch: &mut Scratch,
     alone: &mut Vec<usize>,
 ) {
-    let batch = Batch { walked, questions: &questions };
+    let batch = Batch { walked, questions };
     for first in (0..answers.len()).step_by(RAYS) {
         let count = (answers.len() - first).min(RAYS);
         scratch.gathered.get_or_insert_default().clear();
@@ -330,7 +331,7 @@ unsafe fn finish<I: Instructions>(
         again &= again - 1;
         // SAFETY: the caller's promise.
         unsafe {
-            I::fill(batch, batch.questions, &mut scratch.bundles[TOGETHER], index, 1);
+            I::fill(batch, &batch.questions, &mut scratch.bundles[TOGETHER], index, 1);
             scratch.rays[TOGETHER * RAYS].take(&scratch.bundles[TOGETHER], 0);
             let tickets = Tickets { tickets: &[(TOGETHER * RAYS) as u16], from: 0, lazy: false };
             I::fly(batch, &mut scratch.bundles, &mut scratch.rays, &tickets, &mut scratch.stacks);
