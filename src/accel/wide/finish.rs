@@ -12,6 +12,9 @@ use crate::geometry::{NONE, of_axis, sphere};
 use crate::scene::Surfaces;
 use crate::scene::mesh::{Sphere, is_guest};
 
+/// Lanes that are decided side by side. With fewer the compiler makes no vectors of the loop.
+const GROUP: usize = 16;
+
 /// `sphere::first` of a candidate; `None` where the ray starts on that sphere or one like it, at one of its ends, or was moved.
 #[inline(always)]
 fn plain_sphere(
@@ -36,11 +39,22 @@ fn plain_sphere(
     if near > begin { Some(near) } else { (near < begin && far > begin).then_some(far) }
 }
 
+/// A group's numbers.
+#[inline(always)]
+fn group_of<T>(numbers: &[T; RAYS], group: usize) -> &[T; GROUP] {
+    &numbers.as_chunks().0[group]
+}
+
+#[inline(always)]
+fn group_mut<T>(numbers: &mut [T; RAYS], group: usize) -> &mut [T; GROUP] {
+    &mut numbers.as_chunks_mut().0[group]
+}
+
 /// The candidates' triangles and what becomes of them.
 #[repr(C, align(64))]
 pub struct Decisions {
     /// By vertex and axis.
-    corners: [[[f64; RAYS]; 3]; 3],
+    corners: [[[f32; RAYS]; 3]; 3],
     t: [f64; RAYS],
     /// Weights of the second and the third vertex.
     weights: [[f64; RAYS]; 2],
@@ -52,7 +66,7 @@ impl Decisions {
     pub fn new() -> Box<Decisions> {
         const NOTHING: [f64; RAYS] = [0.0; RAYS];
         Box::new(Decisions {
-            corners: [[NOTHING; 3]; 3],
+            corners: [[[0.0; RAYS]; 3]; 3],
             t: NOTHING,
             weights: [NOTHING; 2],
             is_plain: [0; RAYS],
@@ -63,28 +77,30 @@ impl Decisions {
     #[inline(always)]
     pub fn finish(&mut self, batch: &Batch, bundle: &mut Bundle, answers: &mut [Answer]) {
         let (first, count) = (bundle.first, bundle.count.min(RAYS));
-        let mut any_candidate = false;
+        let mut candidates = 0u64;
         for lane in 0..count {
             let candidate = bundle.candidate[lane];
             if candidate != NONE {
-                any_candidate = true;
+                candidates |= 1 << lane;
                 let (block, k) = batch.walked.tree.candidate(candidate);
                 for vertex in 0..3 {
                     for axis in 0..3 {
-                        self.corners[vertex][axis][lane] = f64::from(block.corners[vertex][axis][k]);
+                        self.corners[vertex][axis][lane] = block.corners[vertex][axis][k];
                     }
                 }
             }
         }
-        if !any_candidate && bundle.decided == 0 {
+        if candidates == 0 && bundle.decided == 0 {
             for (lane, answer) in answers[first..first + count].iter_mut().enumerate() {
                 let primitive = if bundle.found >> lane & 1 == 1 { 0 } else { NONE };
                 *answer = Answer { primitive, ..Answer::MISS };
             }
             return;
         }
-        if any_candidate {
-            self.decide(bundle, batch.walked.starts_extent);
+        for group in 0..RAYS / GROUP {
+            if candidates >> (group * GROUP) & ((1 << GROUP) - 1) != 0 {
+                self.decide(bundle, batch.walked.starts_extent, group);
+            }
         }
         for lane in 0..count {
             let candidate = bundle.candidate[lane];
@@ -112,15 +128,29 @@ impl Decisions {
         }
     }
 
-    /// `triangle::intersect` and `triangle::barycentrics`, operation by operation.
+    /// `triangle::intersect` and `triangle::barycentrics`, operation by operation, for a group of lanes.
     #[inline(always)]
-    fn decide(&mut self, bundle: &Bundle, starts_extent: f64) {
-        let exact = &bundle.exact;
+    fn decide(&mut self, bundle: &Bundle, starts_extent: f64, group: usize) {
+        let (exact, g) = (&bundle.exact, group % (RAYS / GROUP));
         let [[x0, y0, z0], [x1, y1, z1], [x2, y2, z2]] = &self.corners;
+        let ([x0, y0, z0], [x1, y1, z1]) = (
+            [group_of(x0, g), group_of(y0, g), group_of(z0, g)],
+            [group_of(x1, g), group_of(y1, g), group_of(z1, g)],
+        );
+        let ([x2, y2, z2], class) =
+            ([group_of(x2, g), group_of(y2, g), group_of(z2, g)], group_of(&bundle.class, g));
         let ([ox, oy, oz], [dx, dy, dz]) = (&exact.origin, &exact.direction);
-        for lane in 0..RAYS {
-            let along_x = bundle.class[lane] >> 3 == 0;
-            let along_y = bundle.class[lane] >> 3 == 1;
+        let ([ox, oy, oz], [dx, dy, dz]) = (
+            [group_of(ox, g), group_of(oy, g), group_of(oz, g)],
+            [group_of(dx, g), group_of(dy, g), group_of(dz, g)],
+        );
+        let (moved, start) = (group_of(&exact.moved, g), group_of(&bundle.start, g));
+        let [weights_v, weights_w] = &mut self.weights;
+        let (weights_v, weights_w) = (group_mut(weights_v, g), group_mut(weights_w, g));
+        let (t, is_plain) = (group_mut(&mut self.t, g), group_mut(&mut self.is_plain, g));
+        for lane in 0..GROUP {
+            let along_x = class[lane] >> 3 == 0;
+            let along_y = class[lane] >> 3 == 1;
             let origin = [ox[lane], oy[lane], oz[lane]];
             let direction = [dx[lane], dy[lane], dz[lane]];
             let [x, y, z] = direction;
@@ -128,9 +158,9 @@ impl Decisions {
             let shear_x = of_axis(along_x, along_y, [y, z, x]) / main;
             let shear_y = of_axis(along_x, along_y, [z, x, y]) / main;
             let vertices = [
-                [x0[lane], y0[lane], z0[lane]],
-                [x1[lane], y1[lane], z1[lane]],
-                [x2[lane], y2[lane], z2[lane]],
+                [f64::from(x0[lane]), f64::from(y0[lane]), f64::from(z0[lane])],
+                [f64::from(x1[lane]), f64::from(y1[lane]), f64::from(z1[lane])],
+                [f64::from(x2[lane]), f64::from(y2[lane]), f64::from(z2[lane])],
             ];
             let mut sheared = [[0.0; 2]; 3];
             for vertex in 0..3 {
@@ -160,11 +190,10 @@ impl Decisions {
                 [e1[1] * e2[2] - e1[2] * e2[1], e1[2] * e2[0] - e1[0] * e2[2], e1[0] * e2[1] - e1[1] * e2[0]];
             let along = (n[0] * direction[0] + n[1] * direction[1]) + n[2] * direction[2];
             let height = (n[0] * to[0] + n[1] * to[1]) + n[2] * to[2];
-            let t = height / along;
             let sum = (u + v) + w;
-            self.t[lane] = t;
-            self.weights[0][lane] = v / sum;
-            self.weights[1][lane] = w / sum;
+            t[lane] = height / along;
+            weights_v[lane] = v / sum;
+            weights_w[lane] = w / sum;
             // Doubt as of `Start`, for whatever triangle of this part the ray starts on: all coordinates are within the reach.
             let size =
                 ((e1[0].abs() + e1[1].abs()) + e1[2].abs()) * ((e2[0].abs() + e2[1].abs()) + e2[2].abs());
@@ -177,9 +206,9 @@ impl Decisions {
             let negative = (u < -doubt_u) & (v < -doubt_v) & (w < -doubt_w);
             let upright = along.abs() > GRAZING * size;
             let clear = height.abs() > radius * size;
-            let is_ours = !is_guest(bundle.start[lane]);
-            let finite = (sum.abs() < f64::INFINITY) & (exact.moved[lane] == 0.0) & is_ours;
-            self.is_plain[lane] = u64::from((positive | negative) & upright & clear & finite);
+            let is_ours = !is_guest(start[lane]);
+            let finite = (sum.abs() < f64::INFINITY) & (moved[lane] == 0.0) & is_ours;
+            is_plain[lane] = u64::from((positive | negative) & upright & clear & finite);
         }
     }
 }

@@ -18,7 +18,7 @@ const LEAST: u32 = 12;
 /// The same in a grid, where a ray alone is slower still.
 const LEAST_OF_CELLS: u32 = 4;
 /// At a node that no more rays than this enter, they go on alone.
-const ALONE: u32 = 6;
+const ALONE: u32 = 4;
 /// A block is judged for the whole beam if no fewer rays than this reach it.
 const WORTH_CULLING: u32 = 12;
 /// A beam's directions may differ by this, relative to their largest component.
@@ -190,6 +190,10 @@ impl Packet {
                 let entry = &mut *entries.as_mut_ptr().add(waiting);
                 let (mut inside, mut at) = (0u64, 0);
                 while at < RAYS {
+                    if rays >> at & u64::from(group_mask::<I::Most>()) == 0 {
+                        at += <I::Most>::COUNT;
+                        continue;
+                    }
                     let mut near = <I::Most>::load(bundle.t_min.as_ptr().add(at));
                     let mut far = <I::Most>::load(bundle.limit.as_ptr().add(at));
                     for axis in 0..3 {

@@ -43,7 +43,13 @@ pub trait Questions {
     /// # Safety
     /// The level's instructions are there; there are `count` questions, at most [`RAYS`].
     #[inline(always)]
-    unsafe fn gather<E: Eight>(&self, first: usize, count: usize, exact: &mut Exact, start: &mut [u32; RAYS]) -> u64
+    unsafe fn gather<E: Eight>(
+        &self,
+        first: usize,
+        count: usize,
+        exact: &mut Exact,
+        start: &mut [u32; RAYS],
+    ) -> u64
     where
         Self: Sized,
     {
@@ -123,7 +129,13 @@ impl Questions for &[RayRecord] {
     }
 
     #[inline(always)]
-    unsafe fn gather<E: Eight>(&self, first: usize, count: usize, exact: &mut Exact, start: &mut [u32; RAYS]) -> u64 {
+    unsafe fn gather<E: Eight>(
+        &self,
+        first: usize,
+        count: usize,
+        exact: &mut Exact,
+        start: &mut [u32; RAYS],
+    ) -> u64 {
         const {
             assert!(offset_of!(RayRecord, origin) == 0 && offset_of!(RayRecord, direction) == 24);
             assert!(offset_of!(RayRecord, t_min) == 48 && offset_of!(RayRecord, t_max) == 56);
@@ -200,7 +212,13 @@ impl Questions for PlainRays<'_> {
     }
 
     #[inline(always)]
-    unsafe fn gather<E: Eight>(&self, first: usize, count: usize, exact: &mut Exact, start: &mut [u32; RAYS]) -> u64 {
+    unsafe fn gather<E: Eight>(
+        &self,
+        first: usize,
+        count: usize,
+        exact: &mut Exact,
+        start: &mut [u32; RAYS],
+    ) -> u64 {
         if count != RAYS {
             return one_by_one(self, first, 0..count, exact, start);
         }
