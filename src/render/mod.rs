@@ -13,6 +13,7 @@ pub mod shared_film;
 pub mod streams;
 pub mod tile;
 
+use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::accel::Trace;
@@ -28,6 +29,19 @@ use tile::Tile;
 
 /// Records traced at once: enough to be worth a batch, few enough for the second-level cache.
 const BATCH: usize = 1024;
+
+/// What a thread traces with, kept between tiles: to make it anew takes longer than to trace some tiles.
+#[derive(Default)]
+struct Buffers {
+    waiting: Streams<RayRecord>,
+    scratch: Scratch,
+    wave: Vec<RayRecord>,
+    answers: Vec<Answer>,
+}
+
+thread_local! {
+    static BUFFERS: Cell<Option<Box<Buffers>>> = const { Cell::new(None) };
+}
 
 /// Rays by what made them, in the order of [`RayRecord::ORIGINS`].
 pub type RayCounts = [u64; RayRecord::ORIGINS.len()];
@@ -99,21 +113,21 @@ impl<'a> Renderer<'a> {
     /// Traces camera rays and all that grows from them, stream by stream.
     fn trace_to_end(&self, mut cameras: impl Iterator<Item = RayRecord>, film: &mut TileFilm) -> RayCounts {
         let mut counts = RayCounts::default();
-        let (mut waiting, mut scratch) = (Streams::default(), Scratch::default());
-        let mut wave = Vec::with_capacity(BATCH);
-        let mut answers: Vec<Answer> = Vec::with_capacity(BATCH);
+        // Taken, not borrowed: a thread that waits for others while it traces may be given another tile.
+        let mut buffers = BUFFERS.take().unwrap_or_default();
+        let Buffers { waiting, scratch, wave, answers } = &mut *buffers;
         loop {
             wave.clear();
-            waiting.take(&mut wave, BATCH);
+            waiting.take(wave, BATCH);
             for record in cameras.by_ref().take(BATCH - wave.len()) {
                 film.count(&record);
                 wave.push(record);
             }
             if wave.is_empty() {
-                return counts;
+                break;
             }
-            self.accel.trace(&self.scene.surfaces, &wave, &mut answers);
-            for (record, answer) in wave.iter().zip(&answers) {
+            self.accel.trace(&self.scene.surfaces, wave, answers);
+            for (record, answer) in wave.iter().zip(&*answers) {
                 counts[record.made_by() as usize] += 1;
                 if self.settings.features
                     && let Some(features) = features::of_hit(self.scene, record, answer, answer.primitive)
@@ -121,9 +135,11 @@ impl<'a> Renderer<'a> {
                     film.add_features(record, &features);
                 }
             }
-            let out = &mut Split { waiting: &mut waiting, film };
-            self.transport.advance_all(&wave, &answers, &mut scratch, out);
+            let out = &mut Split { waiting, film };
+            self.transport.advance_all(wave, answers, scratch, out);
         }
+        BUFFERS.set(Some(buffers));
+        counts
     }
 
     /// The ray of one of a round's samples, which deposits where its batch does.
@@ -157,10 +173,12 @@ struct Split<'a> {
 }
 
 impl Sink for Split<'_> {
+    #[inline]
     fn push(&mut self, record: RayRecord) {
         self.waiting.push(record.stream, record);
     }
 
+    #[inline]
     fn deposit(&mut self, record: &RayRecord, radiance: Color) {
         self.film.deposit(record, radiance);
     }

@@ -15,6 +15,7 @@ impl<T> Default for Streams<T> {
 }
 
 impl<T> Streams<T> {
+    #[inline]
     pub fn push(&mut self, stream: u8, record: T) {
         self.waiting[usize::from(stream)].push(record);
     }
@@ -33,6 +34,11 @@ impl<T> Streams<T> {
             && !fullest.is_empty()
             && wave.len() < most
         {
+            if wave.is_empty() && fullest.len() <= most {
+                // All of it, without a copy.
+                std::mem::swap(wave, fullest);
+                continue;
+            }
             let newest = fullest.len().saturating_sub(most - wave.len());
             wave.extend(fullest.drain(newest..));
         }

@@ -134,11 +134,17 @@ fn share(sums: &[f64], index: usize) -> f64 {
 }
 
 /// The first place whose sum is above u, and where within its share u lies, in [0, 1). `None` where all shares are 0.
+#[inline]
 pub(super) fn pick(sums: &[f64], u: f64) -> Option<(usize, f64)> {
     let last = *sums.last()?;
     // What rounding left above the last sum falls to the last one that has a share.
-    let u = u.min(last.next_down());
-    let index = sums.partition_point(|&sum| sum <= u);
+    let u = if u < last { u } else { last.next_down() };
+    // A few are counted sooner than halved.
+    let index = if sums.len() <= 8 {
+        sums.iter().map(|&sum| usize::from(sum <= u)).sum()
+    } else {
+        sums.partition_point(|&sum| sum <= u)
+    };
     let share = share(sums, index.min(sums.len() - 1));
     if share <= 0.0 || index == sums.len() {
         return None;

@@ -5,7 +5,7 @@
 use super::environment::{EnvironmentTable, pick};
 use super::{Emitter, Environment, Light, Scene, mean};
 
-/// Chances of all lights, made once of a scene's header.
+/// What paths look up: chances of all lights, and which materials are matt. Made once of a scene's header.
 #[derive(Clone, Debug, Default)]
 pub struct Lighting {
     /// Sums of the chances.
@@ -13,6 +13,8 @@ pub struct Lighting {
     /// Primitives of this scene, or part of one, that are emitters: id here, number of the emitter. Ascending.
     lit: Vec<(u32, u32)>,
     environment: Option<EnvironmentTable>,
+    /// By material.
+    matt: Vec<bool>,
 }
 
 /// A light that may be chosen.
@@ -70,10 +72,18 @@ impl Scene {
         } else {
             sums.clear();
         }
-        self.lighting = Lighting { sums, lit: lit.collect(), environment };
+        let matt = header.materials.iter().map(|material| material.is_matt()).collect();
+        self.lighting = Lighting { sums, lit: lit.collect(), environment, matt };
+    }
+
+    /// [`Material::is_matt`](super::Material::is_matt) of a material of this scene.
+    #[inline]
+    pub fn is_matt(&self, material: u32) -> bool {
+        self.lighting.matt.get(material as usize).is_some_and(|&matt| matt)
     }
 
     /// Chooses a light by a number in [0, 1). `None` if nothing shines.
+    #[inline]
     pub fn choose_light(&self, u: f64) -> Option<Chosen<'_>> {
         let (number, rest) = pick(&self.lighting.sums, u)?;
         let header = &self.header;

@@ -63,6 +63,7 @@ impl Chances {
 }
 
 /// The light that three numbers in [0, 1) choose, and a point of the unit square that names one on it. `None` where nothing shines.
+#[inline]
 pub(super) fn choose_light(scene: &Scene, [a, b, c]: [f64; 3]) -> Option<(Chosen<'_>, [f64; 2])> {
     // Of few lights the number that chose one still has digits enough for a point on it.
     let few = scene.header.emitters.len() + scene.header.lights.len() < 64;

@@ -5,7 +5,7 @@
 //! that: it only brings entries nearer.
 //! An origin far outside is first moved along the ray to the scene's box, in f64; all t of the f32 kernels count from there.
 
-use super::filter::{FilterRay, U, deltas, holds};
+use super::filter::{FilterRay, U, deltas, holds, over_square, terms};
 use super::lanes::Eight;
 use super::questions::{Batch, Questions, Walked};
 use crate::accel::tester::Best;
@@ -78,6 +78,8 @@ pub struct Bundle {
     pub direction: [[f32; RAYS]; 3],
     pub shear: [[f32; RAYS]; 2],
     pub inverse_z: [f32; RAYS],
+    /// See [`Rays::over_square`](super::filter::Rays::over_square).
+    pub over_square: [f32; RAYS],
     pub t_min: [f32; RAYS],
     pub limit: [f32; RAYS],
     pub sure: [[f32; RAYS]; 2],
@@ -100,6 +102,9 @@ pub struct Bundle {
     /// Bounds of the errors of all lanes; see [`deltas`].
     pub delta: f32,
     pub t_delta: f32,
+    /// See [`terms`].
+    pub linear: f32,
+    pub squared: f32,
     /// What slabs are padded by.
     pub pad: f32,
     /// Whether f32 can hold the filter's numbers of all lanes.
@@ -138,6 +143,7 @@ impl Bundle {
             direction: [NOTHING; 3],
             shear: [NOTHING; 2],
             inverse_z: NOTHING,
+            over_square: NOTHING,
             t_min: NOTHING,
             limit: NOTHING,
             sure: [NOTHING; 2],
@@ -163,6 +169,8 @@ impl Bundle {
             contradicted: 0,
             delta: 0.0,
             t_delta: 0.0,
+            linear: 0.0,
+            squared: 0.0,
             pad: 0.0,
             filters: true,
             first: 0,
@@ -217,6 +225,7 @@ impl Bundle {
         let length = farthest + extent;
         self.filters = holds(length) && holds(nearest + extent);
         (self.delta, self.t_delta) = deltas(length, off, off);
+        (self.linear, self.squared) = terms(self.delta);
         self.pad = (12.0 * U * length + 2.0 * off) as f32;
     }
 
@@ -305,8 +314,12 @@ impl Bundle {
             let along = [mask(axis == 0), mask(axis == 1), mask(axis == 2)];
             let inverse_z = one_of(along, [ix[lane], iy[lane], iz[lane]]);
             self.inverse_z[lane] = inverse_z;
-            self.shear[0][lane] = one_of(along, [dy[lane], dz[lane], dx[lane]]) * inverse_z;
-            self.shear[1][lane] = one_of(along, [dz[lane], dx[lane], dy[lane]]) * inverse_z;
+            let shear = [
+                one_of(along, [dy[lane], dz[lane], dx[lane]]) * inverse_z,
+                one_of(along, [dz[lane], dx[lane], dy[lane]]) * inverse_z,
+            ];
+            (self.shear[0][lane], self.shear[1][lane]) = (shear[0], shear[1]);
+            self.over_square[lane] = over_square(shear);
         }
         let exact = &self.exact;
         if exact.any_moved {
@@ -355,11 +368,14 @@ impl Bundle {
     #[inline(always)]
     pub fn filter_ray(&self, lane: usize) -> FilterRay {
         let [kx, ky, kz] = axes(self.class[lane]);
+        let shear = [self.shear[0][lane], self.shear[1][lane]];
         FilterRay {
             origin: [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]],
             inverse_z: self.inverse_z[lane],
-            shear: [self.shear[0][lane], self.shear[1][lane]],
-            delta: self.delta,
+            shear,
+            over_square: self.over_square[lane],
+            linear: self.linear,
+            squared: self.squared,
             t_delta: self.t_delta,
             axes: [kx as u8, ky as u8, kz as u8],
         }

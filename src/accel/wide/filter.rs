@@ -35,13 +35,29 @@ pub fn deltas(length: f64, off: f64, t_off: f64) -> (f32, f32) {
     (delta as f32, (delta + t_off) as f32)
 }
 
+/// See [`Rays::over_square`].
+#[inline(always)]
+pub fn over_square([x, y]: [f32; 2]) -> f32 {
+    1.0 / (x * x + y * y + 1.0)
+}
+
+/// What the bound of an edge function takes of δ: the factor of m, 5δ, and what is added, 4δ² + 1e-36.
+#[inline(always)]
+pub fn terms(delta: f32) -> (f32, f32) {
+    (5.0 * delta, 4.0 * delta * delta + 1e-36)
+}
+
 /// Rays rounded to f32, side by side, with the bounds of what rounding did. Components are in the order kx, ky, kz.
 #[derive(Clone, Copy, Debug)]
 pub struct Rays<V> {
     pub origin: [V; 3],
     pub shear: [V; 2],
     pub inverse_z: V,
-    pub delta: V,
+    /// 1 / (sx² + sy² + 1), for spheres.
+    pub over_square: V,
+    /// See [`terms`].
+    pub linear: V,
+    pub squared: V,
     pub t_delta: V,
     /// Not above the true one.
     pub t_min: V,
@@ -81,10 +97,8 @@ impl<V: Vector> Rays<V> {
             let v = ax.mul_sub(cy, ay.mul(cx));
             let w = bx.mul_sub(ay, by.mul(ax));
             let (least, most) = (u.min(v).min(w), u.max(v).max(w));
-            let m = ax.max_abs(ay).max_abs(bx.max_abs(by)).max_abs(cx.max_abs(cy));
-            let linear = m.mul_add(V::splat((8.0 * U) as f32), V::splat(5.0).mul(self.delta));
-            let squared = self.delta.mul(self.delta).mul_add(V::splat(4.0), V::splat(1e-36));
-            let bound = m.mul_add(linear, squared);
+            let m = ax.max_abs(ay).max(bx.max_abs(by)).max(cx.max_abs(cy));
+            let bound = m.mul_add(m.mul_add(V::splat((8.0 * U) as f32), self.linear), self.squared);
             // The lesser of the two is large only if two signs differ for sure.
             let apart = most.min(zero.sub(least)).gt(bound);
             if apart & wanted == wanted {
@@ -93,20 +107,18 @@ impl<V: Vector> Rays<V> {
             let (delta, iz) = (self.t_delta, self.inverse_z);
             let (at, bt, ct) = (az.mul(iz), bz.mul(iz), cz.mul(iz));
             let (first, last) = (at.min(bt).min(ct), at.max(bt).max(ct));
-            let behind = first.sub(delta).gt(self.limit);
-            let before = self.t_min.gt(last.add(delta));
-            let out = apart | behind | before;
+            let (first, last) = (first.sub(delta), last.add(delta));
+            let out = apart | first.gt(self.limit) | self.t_min.gt(last);
             let inside = (least.gt(bound) | zero.sub(most).gt(bound)) & !out;
             if inside & wanted == 0 {
                 return Judged { out, inside: 0, low: zero, high: zero };
             }
             let sum = u.add(v).add(w);
             let over = V::splat(1.0).div(sum);
-            let mean = at.mul(u).add(bt.mul(v)).add(ct.mul(w)).mul(over);
-            let range = last.sub(first).add(delta).add(delta);
-            let off = bound.mul(range).mul(V::splat(4.0)).mul(over.abs()).add(delta.mul(V::splat(3.0)));
-            let low = mean.sub(off).max(first.sub(delta));
-            let high = mean.add(off).min(last.add(delta));
+            let mean = at.mul_add(u, bt.mul_add(v, ct.mul(w))).mul(over);
+            let off = bound.mul(last.sub(first)).mul(over.abs());
+            let off = off.mul_add(V::splat(4.0), delta.mul(V::splat(3.0)));
+            let (low, high) = (mean.sub(off).max(first), mean.add(off).min(last));
             // Such as what a ray has just left.
             let passed = inside & (self.t_min.gt(high) | low.gt(self.limit));
             Judged { out: out | passed, inside: inside & !passed, low, high }
@@ -122,7 +134,11 @@ pub struct FilterRay {
     pub origin: [f32; 3],
     pub inverse_z: f32,
     pub shear: [f32; 2],
-    pub delta: f32,
+    /// See [`Rays::over_square`].
+    pub over_square: f32,
+    /// See [`terms`].
+    pub linear: f32,
+    pub squared: f32,
     pub t_delta: f32,
     /// kx, ky, kz.
     pub axes: [u8; 3],
@@ -132,14 +148,18 @@ impl FilterRay {
     /// A ray alone, with its own origin; `length` is L.
     pub fn new(ray: &Prepared, length: f64) -> Self {
         let (delta, t_delta) = deltas(length, 0.0, 0.0);
+        let (linear, squared) = terms(delta);
         let axes = [ray.kx, ray.ky, ray.kz];
         let inverse_z = 1.0 / ray.direction[ray.kz] as f32;
+        let shear = [ray.kx, ray.ky].map(|axis| ray.direction[axis] as f32 * inverse_z);
         FilterRay {
             axes: axes.map(|axis| axis as u8),
             origin: ray.origin.map(|c| c as f32),
-            shear: [ray.kx, ray.ky].map(|axis| ray.direction[axis] as f32 * inverse_z),
+            shear,
             inverse_z,
-            delta,
+            over_square: over_square(shear),
+            linear,
+            squared,
             t_delta,
         }
     }
@@ -212,7 +232,9 @@ impl FilterRay {
                 ],
                 shear: [V::splat(self.shear[0]), V::splat(self.shear[1])],
                 inverse_z: V::splat(self.inverse_z),
-                delta: V::splat(self.delta),
+                over_square: V::splat(self.over_square),
+                linear: V::splat(self.linear),
+                squared: V::splat(self.squared),
                 t_delta: V::splat(self.t_delta),
                 t_min: V::splat(t_min),
                 limit: V::splat(limit),

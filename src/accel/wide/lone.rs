@@ -3,7 +3,7 @@
 use std::mem::offset_of;
 
 use super::bundle::{Bundle, Progress, RAYS};
-use super::filter::{FilterRay, Judged};
+use super::filter::FilterRay;
 use super::lanes::Eight;
 use super::questions::Walked;
 use super::tree::{Block, EMPTY, Node, TreeView, WIDTH, candidate};
@@ -22,7 +22,7 @@ pub struct Lone {
     pub progress: Progress,
     pub filter: FilterRay,
     /// Rows of [`Node::planes`] that are entered by, as numbers before them.
-    near: [u32; 3],
+    near: [u16; 3],
     pub any: bool,
     /// Whether f32 can hold the filter's numbers.
     pub filters: bool,
@@ -38,7 +38,7 @@ pub enum Met {
 }
 
 /// What follows from a class: the axes of the filter, and [`Lone::near`].
-static OF_CLASS: [([u8; 3], [u32; 3]); 24] = {
+static OF_CLASS: [([u8; 3], [u16; 3]); 24] = {
     let mut table = [([0; 3], [0; 3]); 24];
     let mut class = 0;
     while class < 24 {
@@ -47,7 +47,7 @@ static OF_CLASS: [([u8; 3], [u32; 3]); 24] = {
         let mut axis = 0;
         while axis < 3 {
             let row = if class >> axis & 1 == 1 { axis + 3 } else { axis };
-            table[class].1[axis] = (row * WIDTH) as u32;
+            table[class].1[axis] = (row * WIDTH) as u16;
             axis += 1;
         }
         class += 1;
@@ -68,7 +68,9 @@ impl Lone {
             origin: [0.0; 3],
             inverse_z: 0.0,
             shear: [0.0; 2],
-            delta: 0.0,
+            over_square: 0.0,
+            linear: 0.0,
+            squared: 0.0,
             t_delta: 0.0,
             axes: [0; 3],
         },
@@ -97,7 +99,8 @@ impl Lone {
     #[inline(always)]
     fn take_common(&mut self, bundle: &Bundle, lane: usize) {
         let (axes, near) = OF_CLASS[bundle.class[lane] as usize];
-        (self.filter.delta, self.filter.t_delta) = (bundle.delta, bundle.t_delta);
+        (self.filter.linear, self.filter.squared) = (bundle.linear, bundle.squared);
+        (self.filter.t_delta, self.filter.over_square) = (bundle.t_delta, bundle.over_square[lane]);
         (self.filter.axes, self.near) = (axes, near);
         (self.any, self.filters) = (bundle.any >> lane & 1 == 1, bundle.filters);
     }
@@ -114,7 +117,7 @@ impl Lone {
             let planes: *const f32 = node.planes.as_ptr().cast();
             let (mut near, mut far) = (E::splat(self.t_min), E::splat(self.progress.limit));
             for axis in 0..3 {
-                let row = self.near[axis] as usize;
+                let row = usize::from(self.near[axis]);
                 let other = (2 * axis + 3) * WIDTH - row;
                 let inverse = E::splat(self.inverse[axis]);
                 let enters = E::load(planes.add(row)).mul_sub(inverse, E::splat(self.near_origin[axis]));
@@ -156,16 +159,18 @@ impl Asking<'_> {
         #[repr(align(32))]
         struct Bounds([f32; WIDTH], [f32; WIDTH]);
         // SAFETY: the caller's promise; a block's ids are aligned to 32 bytes.
-        let judged = unsafe {
+        let (judged, open) = unsafe {
+            let own = E::same(block.ids.as_ptr(), self.start);
             if are_spheres {
                 let spheres = self.filter.judge_spheres::<E>(&block.corners, self.t_min, progress.limit, all);
-                let left = spheres.leaving & E::same(block.ids.as_ptr(), self.start);
-                Judged { out: spheres.judged.out | left, ..spheres.judged }
+                (spheres.judged, all & !(spheres.judged.out | (spheres.leaving & own)))
             } else {
-                self.filter.judge::<E>(&block.corners, self.t_min, progress.limit, all)
+                // A triangle that the ray starts on isn't met again.
+                let wanted = all & !own;
+                let judged = self.filter.judge::<E>(&block.corners, self.t_min, progress.limit, wanted);
+                (judged, wanted & !judged.out)
             }
         };
-        let open = all & !judged.out;
         if open == 0 {
             return Met::Nothing;
         }
@@ -183,7 +188,7 @@ impl Asking<'_> {
                 sure &= sure - 1;
                 let (low, high) = (bounds.0[k as usize], bounds.1[k as usize]);
                 // A candidate may have come since the block was judged.
-                if low > progress.limit || (block.ids[k as usize] == self.start && !are_spheres) {
+                if low > progress.limit {
                     continue;
                 }
                 // At the ends of the ray's range and beside another candidate nothing is sure.
@@ -211,6 +216,7 @@ impl Asking<'_> {
 #[inline(always)]
 pub unsafe fn set_out<E: Eight>(walked: &Walked, bundle: &Bundle, lanes: u64, rays: &mut [Lone]) -> u64 {
     const { assert!(offset_of!(Lone, progress) == 12 * 4 && offset_of!(Lone, filter) == 18 * 4) };
+    const { assert!(size_of::<Lone>() == 128) };
     let rays = &mut rays[..RAYS];
     let mut lanes = lanes;
     // Of numbers that f32 can't hold it can't tell what is entered first.

@@ -3,12 +3,12 @@
 //! In sheared coordinates the ray is o + τ (sx, sy, 1), |sx|, |sy| <= 1, and t = τ / d_z. With u = 2^-24, L = |origin|∞ + extent, which no centre or radius exceeds, and
 //! δ = 12uL as in `filter`:
 //!
-//! * The centre c relative to the origin is off by 2uL, the direction by 4u. So s = c·(sx, sy, 1) is off by (6 + 8 + 9)uL, the direction's square dd in [1, 3] by 10u of itself,
-//!   and τ = s/dd, |τ| < 2L, by less than 43uL. The vector from the centre's foot on the ray, c - τ (sx, sy, 1), is off by less than (2 + 43 + 8 + 4)uL in each component and its length
-//!   f by less than 99uL, which 11δ = 132uL exceeds.
+//! * The centre c relative to the origin is off by 2uL, the direction by 4u. So s = c·(sx, sy, 1) is off by (6 + 8 + 9)uL, the inverse of the direction's square dd in [1, 3] by 11u of
+//!   itself, and τ = s/dd, |τ| < 2L, by less than 47uL. The vector from the centre's foot on the ray, c - τ (sx, sy, 1), is off by less than (2 + 47 + 8 + 4)uL in each component and
+//!   its length f by less than 106uL. Squares in place of lengths cost another 7uL: 11δ = 132uL exceeds all that.
 //! * f > r + 11δ: out. f < r - 11δ: the line surely passes through, and half of its way inside, √((r² - f²)/dd), lies between what the two ends of f give; rounding the
-//!   squares is allowed for by 16u r².
-//! * t = τ/d_z is off by less than 50uL < 5δ, and by what f64 itself loses, which for a near tangent is the root of 2^-53, far less than that.
+//!   squares and dd is allowed for by 20u r².
+//! * t = τ/d_z is off by less than 54uL < 5δ, and by what f64 itself loses, which for a near tangent is the root of 2^-53, far less than that.
 
 use super::filter::{Judged, Rays, U};
 use super::lanes::Vector;
@@ -34,24 +34,27 @@ impl<V: Vector> Rays<V> {
             let x = center[0].sub(self.origin[0]);
             let y = center[1].sub(self.origin[1]);
             let z = center[2].sub(self.origin[2]);
-            let dd = sx.mul_add(sx, sy.mul_add(sy, V::splat(1.0)));
-            let along = sx.mul_add(x, sy.mul_add(y, z)).div(dd);
+            let over = self.over_square;
+            let along = sx.mul_add(x, sy.mul_add(y, z)).mul(over);
             let (fx, fy, fz) = (along.neg_mul_add(sx, x), along.neg_mul_add(sy, y), z.sub(along));
-            let aside = fx.mul_add(fx, fy.mul_add(fy, fz.mul(fz))).sqrt();
-            let error = V::splat(11.0).mul(self.delta);
+            let aside = fx.mul_add(fx, fy.mul_add(fy, fz.mul(fz)));
+            // 11δ.
+            let error = self.linear.mul(V::splat(2.2));
             let t_error = self.t_delta.mul(V::splat(5.0));
             let t = along.mul(self.inverse_z);
             let leaving = zero.sub(t_error).gt(t);
-            let apart = aside.sub(error).gt(radius);
+            let reach = radius.add(error);
+            let apart = aside.gt(reach.mul(reach));
             if apart & wanted == wanted {
                 let judged = Judged { out: apart, inside: 0, low: zero, high: zero };
                 return JudgedSpheres { judged, leaving };
             }
             let square = radius.mul(radius);
-            let slack = square.mul(V::splat((16.0 * U) as f32));
+            let slack = square.mul(V::splat((20.0 * U) as f32));
+            let aside = aside.sqrt();
             let (near, far) = (aside.sub(error).max(zero), aside.add(error));
-            let longest = square.sub(near.mul(near)).add(slack).max(zero).div(dd).sqrt();
-            let shortest = square.sub(far.mul(far)).sub(slack).max(zero).div(dd).sqrt();
+            let longest = square.sub(near.mul(near)).add(slack).max(zero).mul(over).sqrt();
+            let shortest = square.sub(far.mul(far)).sub(slack).max(zero).mul(over).sqrt();
             let (longest, shortest) = (longest.mul(self.inverse_z.abs()), shortest.mul(self.inverse_z.abs()));
             let low = t.sub(longest).sub(t_error);
             let behind = low.gt(self.limit);

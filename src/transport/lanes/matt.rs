@@ -111,7 +111,7 @@ impl Kind for Matt {
             return false;
         }
         let Some((part, material)) = plain_material(transport, answer.primitive) else { return false };
-        if !material.is_matt() {
+        if !transport.scene.is_matt(part.material) {
             return false;
         }
         let lane = self.hits.take(transport, part, place, record, answer);
