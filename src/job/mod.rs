@@ -106,7 +106,7 @@ pub fn render_by(
             Split::Triangles | Split::Voxels => partition::render(crew, work, (round, &activity), stats)?,
         };
         if let (Some(estimate), Some(film)) = (&mut estimate, film) {
-            estimate.absorb(film, round);
+            crew.wide.install(|| estimate.absorb(film, round));
         }
         let Some(next) = schedule.get(number + 1) else { break };
         // Rank 0 alone has the whole film, and the clock that counts.
@@ -118,11 +118,12 @@ pub fn render_by(
                     let (worth, before) = match worth {
                         Some(worth) => (worth, activity.clone()),
                         None => {
-                            let found = allotment::worth(estimate, target);
+                            let found = crew.wide.install(|| allotment::worth(estimate, target));
                             (*worth.insert(found), Activity::asked(&work.image))
                         }
                     };
-                    allotment::wanting(estimate, &work.image, target.metric, worth, &before)
+                    let wanting = || allotment::wanting(estimate, &work.image, target.metric, worth, &before);
+                    crew.wide.install(wanting)
                 });
             // The next round takes about as long as all before, in proportion to its samples.
             let expected = begin.elapsed().mul_f64(1.0 + f64::from(next.count) / f64::from(next.first));
@@ -141,7 +142,7 @@ pub fn render_by(
     let floor = work.scene.header.ambient_floor;
     Ok(estimate.map(|estimate| {
         let _span = crew.timeline.span(0, "resolve");
-        let (image, spread) = estimate.resolve(crop, floor);
+        let (image, spread) = crew.wide.install(|| estimate.resolve(crop, floor));
         let features = estimate.features(crop, &work.scene.header.frame);
         Rendered { image, spread, features, error: estimate.error(crop), complete }
     }))

@@ -1,11 +1,16 @@
 //! Where more samples are worth their time: a few pixels hold most of an image's error, and get the most of them.
 
+use rayon::prelude::*;
+
 use super::estimate::Estimate;
 use super::rounds::{Activity, BLOCK};
 use crate::settings::{Crop, ErrorMetric, ErrorTarget, ImageSettings};
 
 /// As how many of a pixel's own samples its neighbours count where it is asked what its samples vary by.
 const NEIGHBOURS: f64 = 64.0;
+
+/// Pixels whose errors one thread adds up.
+const PART: usize = 1 << 14;
 
 /// What decides whether a pixel goes on.
 #[derive(Clone, Copy, Debug, Default)]
@@ -79,7 +84,10 @@ pub fn worth(estimate: &Estimate, target: ErrorTarget) -> f64 {
     let is_enough = |root: f64| -> bool {
         let left =
             |&(deviation, samples): &(f64, f64)| deviation * deviation / (deviation / root).max(samples);
-        pixels.iter().map(left).sum::<f64>() <= allowed
+        // Sums of the same numbers in the same order, whoever adds them.
+        let parts: Vec<f64> =
+            pixels.par_chunks(PART).map(|part| part.iter().map(left).sum::<f64>()).collect();
+        parts.iter().sum::<f64>() <= allowed
     };
     // √worth, between where all pixels get more than they have, and where none does.
     let (sum, mut high) =
@@ -116,31 +124,35 @@ pub fn wanting(
     wanting
 }
 
-/// All blocks of the area that have such a pixel, row by row.
+/// All blocks of the area that have such a pixel, row by row. Many are looked at side by side, on the current rayon pool.
 fn blocks(
     estimate: &Estimate,
     metric: ErrorMetric,
-    having: impl Fn(u32, u32) -> bool,
+    having: impl Fn(u32, u32) -> bool + Sync,
     each: &mut dyn FnMut(&Block),
 ) {
     let Crop { x0, y0, x1, y1 } = estimate.area;
-    for top in (y0..y1).step_by(BLOCK as usize) {
-        for left in (x0..x1).step_by(BLOCK as usize) {
-            let (right, bottom) = ((left + BLOCK).min(x1), (top + BLOCK).min(y1));
-            if !(top..bottom).any(|y| (left..right).any(|x| having(x, y))) {
-                continue;
-            }
-            let mut pixels = [[Sampled::default(); BLOCK as usize]; BLOCK as usize];
-            for (y, row) in (top..bottom).zip(&mut pixels) {
-                for (x, own) in (left..right).zip(row) {
-                    let pixel = estimate.pixel(estimate.place(x, y));
-                    let samples = pixel.samples as f64;
-                    *own = Sampled { samples, variance: samples * pixel.error(metric) };
-                }
-            }
-            let size = ((right - left) as usize, (bottom - top) as usize);
-            each(&Block { corner: (left, top), size, pixels }.smooth());
+    let look = |left: u32, top: u32| {
+        let (right, bottom) = ((left + BLOCK).min(x1), (top + BLOCK).min(y1));
+        if !(top..bottom).any(|y| (left..right).any(|x| having(x, y))) {
+            return None;
         }
+        let mut pixels = [[Sampled::default(); BLOCK as usize]; BLOCK as usize];
+        for (y, row) in (top..bottom).zip(&mut pixels) {
+            for (x, own) in (left..right).zip(row) {
+                let pixel = estimate.pixel(estimate.place(x, y));
+                let samples = pixel.samples as f64;
+                *own = Sampled { samples, variance: samples * pixel.error(metric) };
+            }
+        }
+        let size = ((right - left) as usize, (bottom - top) as usize);
+        Some(Block { corner: (left, top), size, pixels }.smooth())
+    };
+    let columns = (x1 - x0).div_ceil(BLOCK);
+    for top in (y0..y1).step_by(BLOCK as usize) {
+        let row: Vec<Option<Block>> =
+            (0..columns).into_par_iter().map(|column| look(x0 + column * BLOCK, top)).collect();
+        row.iter().flatten().for_each(&mut *each);
     }
 }
 

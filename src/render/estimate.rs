@@ -3,12 +3,14 @@
 //! Variances come from the means of batches: for n samples in B batches of n_b samples and means m_b the variance of one sample is estimated as Σ n_b (m_b − m)² / (B − 1), that
 //! of the mean m as its n-th part. It holds for independent batches; of samples that are spread evenly it says too much, not too little.
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::features::{Features, PLANES};
 use super::film::{Cell, Film};
 use super::rounds::Round;
 use crate::image::Image;
+use crate::memory::{Array, HugeArray};
 use crate::scene::Frame;
 use crate::settings::{Crop, ErrorMetric};
 
@@ -21,7 +23,7 @@ pub struct Estimate {
     /// See `FilterTable::negative_mass`.
     negative_mass: f64,
     /// `cells[pixel * planes + plane]`.
-    cells: Vec<Cell>,
+    cells: HugeArray<Cell>,
     /// Of each cell Σ n_b m_b² and the number of batches; empty where nobody asks for variances.
     squares: Vec<([f64; 3], u32)>,
     /// Of each pixel the planes of [`Features`]; empty where nobody asks for them.
@@ -74,10 +76,44 @@ impl Pixel {
     }
 }
 
+/// A row of the image; what nobody asks for is empty.
+struct Row<'e> {
+    planes: usize,
+    cells: &'e mut [Cell],
+    squares: &'e mut [([f64; 3], u32)],
+    features: &'e mut [[Cell; PLANES]],
+}
+
+impl Row<'_> {
+    /// Takes in what a round's film has of a pixel: a part for each batch, and features.
+    fn absorb(&mut self, pixel: usize, (parts, features): (&[Cell], &[Cell])) {
+        for (own, new) in self.features.get_mut(pixel).into_iter().flatten().zip(features) {
+            own.merge(new);
+        }
+        for plane in 0..self.planes {
+            let index = pixel * self.planes + plane;
+            for part in parts.iter().skip(plane).step_by(self.planes).filter(|part| part.count > 0) {
+                self.cells[index].merge(part);
+                if let Some((squares, count)) = self.squares.get_mut(index) {
+                    let mean = part.mean().unwrap_or_default();
+                    for k in 0..3 {
+                        squares[k] += part.count as f64 * (mean[k] * mean[k]);
+                    }
+                    *count += 1;
+                }
+            }
+        }
+    }
+}
+
 impl Estimate {
     /// For films of this area and a filter of so many planes.
+    ///
+    /// # Panics
+    /// Out of memory.
     pub fn new(area: Crop, planes: usize, negative_mass: f64) -> Self {
-        let cells = vec![Cell::default(); area.width() as usize * area.height() as usize * planes];
+        let cells = area.width() as usize * area.height() as usize * planes;
+        let cells = HugeArray::zeroed(cells).expect("memory for an image's sums");
         Estimate { area, planes, negative_mass, cells, squares: Vec::new(), features: Vec::new() }
     }
 
@@ -93,7 +129,7 @@ impl Estimate {
         self
     }
 
-    /// Takes in the film of a round, which has `round.batches` times the filter's planes.
+    /// Takes in the film of a round, which has `round.batches` times the filter's planes. On the current rayon pool.
     pub fn absorb(&mut self, film: Film, round: &Round) {
         if round.batches == 1 && self.squares.is_empty() && self.features.is_empty() && round.first == 0 {
             self.cells = film.into_cells();
@@ -102,25 +138,25 @@ impl Estimate {
         let planes = self.planes;
         let lights = planes * round.batches as usize;
         let all = lights + if self.features.is_empty() { 0 } else { PLANES };
-        for (pixel, parts) in film.into_cells().chunks_exact(all).enumerate() {
-            let (parts, features) = parts.split_at(lights);
-            for (own, new) in self.features.get_mut(pixel).into_iter().flatten().zip(features) {
-                own.merge(new);
+        let width = self.area.width() as usize;
+        let (mut squares, mut features) =
+            (self.squares.chunks_mut(width * planes), self.features.chunks_mut(width));
+        let rows: Vec<Row> = self
+            .cells
+            .chunks_mut(width * planes)
+            .map(|cells| Row {
+                planes,
+                cells,
+                squares: squares.next().unwrap_or_default(),
+                features: features.next().unwrap_or_default(),
+            })
+            .collect();
+        let film = film.into_cells();
+        rows.into_par_iter().zip(film.par_chunks(width * all)).for_each(|(mut row, film)| {
+            for (pixel, parts) in film.chunks_exact(all).enumerate() {
+                row.absorb(pixel, parts.split_at(lights));
             }
-            for plane in 0..planes {
-                let index = pixel * planes + plane;
-                for part in parts.iter().skip(plane).step_by(planes).filter(|part| part.count > 0) {
-                    self.cells[index].merge(part);
-                    if let Some((squares, count)) = self.squares.get_mut(index) {
-                        let mean = part.mean().unwrap_or_default();
-                        for k in 0..3 {
-                            squares[k] += part.count as f64 * (mean[k] * mean[k]);
-                        }
-                        *count += 1;
-                    }
-                }
-            }
-        }
+        });
     }
 
     pub(super) fn pixel(&self, pixel: usize) -> Pixel {
@@ -162,18 +198,35 @@ impl Estimate {
     }
 
     /// The asked-for part of the image: mean radiance of each pixel, blended with `floor` as (1 - floor) * radiance + floor; and, if that is known, how well these means are.
+    /// On the current rayon pool.
     pub fn resolve(&self, crop: Crop, floor: f64) -> (Image, Option<Spread>) {
         let mut image = Image::new(crop.width(), crop.height());
-        let mut spread = (!self.squares.is_empty()).then(Spread::default);
-        let pixels = (crop.y0..crop.y1).flat_map(|y| (crop.x0..crop.x1).map(move |x| (x, y)));
-        for (place, (x, y)) in pixels.enumerate() {
-            let pixel = self.pixel(self.place(x, y));
-            image.pixels[place] = pixel.mean.map(|c| ((1.0 - floor) * c + floor) as f32);
-            if let Some(Spread { variance, freedom }) = &mut spread {
-                variance.push(pixel.variance.map(|v| ((1.0 - floor) * (1.0 - floor) * v) as f32));
-                freedom.push(pixel.freedom as f32);
-            }
+        let mut spread = (!self.squares.is_empty()).then(|| Spread {
+            variance: vec![[0.0; 3]; image.pixels.len()],
+            freedom: vec![0.0; image.pixels.len()],
+        });
+        let width = (crop.width() as usize).max(1);
+        let (mut variances, mut freedoms) = spread
+            .as_mut()
+            .map_or((&mut [][..], &mut [][..]), |spread| (&mut spread.variance[..], &mut spread.freedom[..]));
+        let mut rows = Vec::new();
+        for (y, pixels) in (crop.y0..).zip(image.pixels.chunks_mut(width)) {
+            let known = pixels.len().min(variances.len());
+            let (variance, freedom);
+            (variance, variances) = variances.split_at_mut(known);
+            (freedom, freedoms) = freedoms.split_at_mut(known);
+            rows.push((y, pixels, variance, freedom));
         }
+        rows.into_par_iter().for_each(|(y, pixels, variance, freedom)| {
+            for (column, (x, colour)) in (crop.x0..).zip(pixels).enumerate() {
+                let pixel = self.pixel(self.place(x, y));
+                *colour = pixel.mean.map(|c| ((1.0 - floor) * c + floor) as f32);
+                if let (Some(variance), Some(freedom)) = (variance.get_mut(column), freedom.get_mut(column)) {
+                    *variance = pixel.variance.map(|v| ((1.0 - floor) * (1.0 - floor) * v) as f32);
+                    *freedom = pixel.freedom as f32;
+                }
+            }
+        });
         (image, spread)
     }
 

@@ -10,6 +10,7 @@ use super::features::PLANES;
 use super::tile::Tile;
 use crate::error::{Error, Result};
 use crate::geometry::record::RayRecord;
+use crate::memory::{Array, HugeArray};
 use crate::scene::Color;
 use crate::settings::Crop;
 
@@ -54,9 +55,13 @@ impl Cell {
     }
 }
 
-/// Units of 2^-32, rounded to nearest.
+/// Units of 2^-32, rounded to nearest. Neither less than nothing nor no number adds anything.
+#[inline(always)]
 fn to_fixed(value: f64) -> u64 {
-    if value > 0.0 { (value * ONE + 0.5).min(LARGEST) as u64 } else { 0 }
+    let units = value * ONE + 0.5;
+    let units = if units > 0.5 { units } else { 0.0 };
+    // Signed integers: processors convert to those.
+    if units < LARGEST { units as i64 as u64 } else { 1 << 63 }
 }
 
 /// The film of one tile.
@@ -111,22 +116,26 @@ impl TileFilm {
 pub struct Film {
     crop: Crop,
     planes: usize,
-    cells: Vec<Cell>,
+    /// Untouched pages of it cost nothing.
+    cells: HugeArray<Cell>,
 }
 
 impl Film {
+    /// # Panics
+    /// Out of memory.
     pub fn new(crop: Crop, planes: usize) -> Self {
         let pixels = crop.width() as usize * crop.height() as usize;
-        Film { crop, planes, cells: vec![Cell::default(); pixels * planes] }
-    }
-
-    /// Of cells in that order.
-    pub(super) fn of(crop: Crop, planes: usize, cells: Vec<Cell>) -> Self {
+        let cells = HugeArray::zeroed(pixels * planes).expect("memory for a film");
         Film { crop, planes, cells }
     }
 
     /// `cells[(y * width + x) * planes + plane]`.
-    pub fn into_cells(self) -> Vec<Cell> {
+    pub(super) fn cells_mut(&mut self) -> &mut [Cell] {
+        &mut self.cells
+    }
+
+    /// The same.
+    pub(super) fn into_cells(self) -> HugeArray<Cell> {
         self.cells
     }
 

@@ -127,12 +127,14 @@ impl<'a> Renderer<'a> {
                 break;
             }
             self.accel.trace(&self.scene.surfaces, wave, answers);
-            for (record, answer) in wave.iter().zip(&*answers) {
-                counts[record.made_by() as usize] += 1;
-                if self.settings.features
-                    && let Some(features) = features::of_hit(self.scene, record, answer, answer.primitive)
-                {
-                    film.add_features(record, &features);
+            for record in &*wave {
+                counts[usize::from(record.made_by) % counts.len()] += 1;
+            }
+            if self.settings.features {
+                for (record, answer) in wave.iter().zip(&*answers) {
+                    if let Some(features) = features::of_hit(self.scene, record, answer, answer.primitive) {
+                        film.add_features(record, &features);
+                    }
                 }
             }
             let out = &mut Split { waiting, film };

@@ -51,12 +51,12 @@ impl SharedFilm {
 
     /// The film as it is now that all threads are done.
     pub fn into_film(self) -> Film {
-        let pixels = self.crop.width() as usize * self.crop.height() as usize;
-        let mut cells = Vec::with_capacity(pixels * self.planes);
-        for stripe in self.stripes {
-            cells.extend(stripe.into_inner().unwrap_or_else(PoisonError::into_inner));
+        let mut film = Film::new(self.crop, self.planes);
+        let length = self.cells_of_stripe();
+        for (cells, stripe) in film.cells_mut().chunks_mut(length).zip(self.stripes) {
+            cells.copy_from_slice(&stripe.into_inner().unwrap_or_else(PoisonError::into_inner));
         }
-        Film::of(self.crop, self.planes, cells)
+        film
     }
 }
 
