@@ -62,9 +62,10 @@ impl Renderer<'_> {
     /// Traces one sample of a tile of one pixel; its time in seconds.
     fn look(&self, pixel: Tile) -> (f32, RayCounts) {
         let begin = Instant::now();
-        let mut film = TileFilm::new(pixel, self.settings.width, self.planes(&Round::all(1)));
+        let round = Round::all(1);
+        let mut film = TileFilm::new(pixel, self.settings.width, self.planes(&round));
         let index = pixel.y0 * self.settings.width + pixel.x0;
-        let counts = self.trace_to_end(std::iter::once(self.camera_ray(index, 0)), &mut film);
+        let counts = self.trace_to_end(&round, std::iter::once((index, 0)), &mut film);
         (begin.elapsed().as_secs_f32(), counts)
     }
 }

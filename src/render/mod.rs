@@ -21,6 +21,7 @@ use crate::geometry::record::{Answer, RayRecord};
 use crate::render::rounds::{Activity, Round};
 use crate::scene::{Color, Scene};
 use crate::settings::ImageSettings;
+use crate::transport::sampler::Cameras;
 use crate::transport::{Scratch, Sink, Transport};
 use film::TileFilm;
 use filter::FilterTable;
@@ -33,6 +34,7 @@ const BATCH: usize = 1024;
 /// What a thread traces with, kept between tiles: to make it anew takes longer than to trace some tiles.
 #[derive(Default)]
 struct Buffers {
+    cameras: Cameras,
     waiting: Streams<RayRecord>,
     scratch: Scratch,
     wave: Vec<RayRecord>,
@@ -101,27 +103,41 @@ impl<'a> Renderer<'a> {
     /// Renders a round's samples of one tile. Pure: the same deposits on any rank and thread.
     pub fn tile(&self, tile: Tile, round: &Round, activity: &Activity) -> (TileFilm, RayCounts) {
         let mut film = TileFilm::new(tile, self.settings.width, self.planes(round));
-        let samples = || round.first..round.first + round.count;
-        let rays = tile
-            .pixels(self.settings.width)
-            .filter(|&pixel| activity.holds(pixel))
-            .flat_map(|pixel| samples().map(move |sample| self.sample_of(round, pixel, sample)));
-        let counts = self.trace_to_end(rays, &mut film);
+        let pixels = tile.pixels(self.settings.width).filter(|&pixel| activity.holds(pixel));
+        let pixels: Vec<u32> = pixels.collect();
+        let (mut place, mut sample) = (0, 0);
+        let samples = std::iter::from_fn(|| {
+            let next = (*pixels.get(place)?, round.first + sample);
+            (place, sample) = if sample + 1 < round.count { (place, sample + 1) } else { (place + 1, 0) };
+            Some(next)
+        });
+        let counts = self.trace_to_end(round, samples, &mut film);
         (film, counts)
     }
 
-    /// Traces camera rays and all that grows from them, stream by stream.
-    fn trace_to_end(&self, mut cameras: impl Iterator<Item = RayRecord>, film: &mut TileFilm) -> RayCounts {
+    /// Traces the camera rays of samples of pixels, and all that grows from them, stream by stream.
+    fn trace_to_end(
+        &self,
+        round: &Round,
+        mut samples: impl Iterator<Item = (u32, u32)>,
+        film: &mut TileFilm,
+    ) -> RayCounts {
         let mut counts = RayCounts::default();
         // Taken, not borrowed: a thread that waits for others while it traces may be given another tile.
         let mut buffers = BUFFERS.take().unwrap_or_default();
-        let Buffers { waiting, scratch, wave, answers } = &mut *buffers;
+        let Buffers { cameras, waiting, scratch, wave, answers } = &mut *buffers;
         loop {
             wave.clear();
             waiting.take(wave, BATCH);
-            for record in cameras.by_ref().take(BATCH - wave.len()) {
-                film.count(&record);
-                wave.push(record);
+            while wave.len() < BATCH {
+                let count = cameras.take(&mut samples, BATCH - wave.len());
+                if count == 0 {
+                    break;
+                }
+                self.begin(round, cameras, count, |record| {
+                    film.count(&record);
+                    wave.push(record);
+                });
             }
             if wave.is_empty() {
                 break;
@@ -144,19 +160,30 @@ impl<'a> Renderer<'a> {
         counts
     }
 
-    /// The ray of one of a round's samples, which deposits where its batch does.
-    fn sample_of(&self, round: &Round, pixel: u32, sample: u32) -> RayRecord {
-        let mut record = self.camera_ray(pixel, sample);
-        record.plane += self.filter.planes() as u8 * round.batch(sample) as u8;
-        record
+    /// The rays of the first `count` of these samples of a round, which deposit where their batches do.
+    fn begin(&self, round: &Round, cameras: &mut Cameras, count: usize, mut each: impl FnMut(RayRecord)) {
+        if self.settings.spp > 1 {
+            self.transport.sampler.cameras(cameras, count);
+        }
+        let Cameras { pixel, sample, numbers: [x, y, u, v] } = cameras;
+        for lane in 0..count {
+            let numbers = [x[lane], y[lane], u[lane], v[lane]];
+            let mut record = self.camera_ray_by(pixel[lane], sample[lane], numbers);
+            record.plane += self.filter.planes() as u8 * round.batch(sample[lane]) as u8;
+            each(record);
+        }
     }
 
-    /// The ray of one sample of a pixel (y * width + x). A single sample goes through the pixel's centre.
+    /// The ray of one sample of a pixel (y * width + x).
     fn camera_ray(&self, pixel: u32, sample: u32) -> RayRecord {
+        self.camera_ray_by(pixel, sample, self.transport.sampler.camera(pixel, sample))
+    }
+
+    /// The same by the sample's numbers. A single sample goes through the pixel's centre.
+    fn camera_ray_by(&self, pixel: u32, sample: u32, [x, y, u, v]: [f64; 4]) -> RayRecord {
         let settings = self.settings;
         let (mut offset, mut plane, mut lens) = ([0.0; 2], 0, [0.5; 2]);
         if settings.spp > 1 {
-            let [x, y, u, v] = self.transport.sampler.camera(pixel, sample);
             (offset, plane) = self.filter.sample([x, y]);
             lens = [u, v];
         }

@@ -24,6 +24,7 @@ use crate::scene::mesh::{FIRST_GUEST, Shape, Sphere};
 use crate::scene::{Color, Scene};
 use crate::settings::ImageSettings;
 use crate::transport::Sink;
+use crate::transport::sampler::{Cameras, LANES};
 
 /// A ray on its way between ranks.
 #[repr(C)]
@@ -152,10 +153,18 @@ impl<'a> Relay<'a> {
     /// Sends one sample of each of these pixels on its way.
     pub fn begin(&self, pixels: impl Iterator<Item = u32>, sample: u32, exit: &mut dyn Exit) {
         let mut leg = Leg::new(self, &[], exit);
-        for pixel in pixels {
-            let record = leg.renderer.sample_of(&self.round, pixel, sample);
-            leg.scratch.deposits.count(&self.film, &record);
-            leg.push(record);
+        let (mut cameras, mut samples) = (Cameras::default(), pixels.map(|pixel| (pixel, sample)));
+        loop {
+            let count = cameras.take(&mut samples, LANES);
+            if count == 0 {
+                break;
+            }
+            let mut records = Vec::with_capacity(count);
+            leg.renderer.begin(&self.round, &mut cameras, count, |record| records.push(record));
+            for record in records {
+                leg.scratch.deposits.count(&self.film, &record);
+                leg.push(record);
+            }
         }
         leg.run();
     }

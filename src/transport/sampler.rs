@@ -7,6 +7,12 @@
 use super::sobol;
 use crate::geometry::record::RayRecord;
 use crate::settings::{ImageSettings, SamplerKind};
+use crate::simd::compiled;
+
+/// Samples of camera rays whose numbers are made together.
+pub const LANES: usize = 32;
+/// Of fewer, one by one is as fast.
+const WORTH_LANES: usize = 6;
 
 /// The sets that a bounce has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,6 +49,23 @@ impl Sampler {
     /// Four numbers in [0, 1) for a sample's camera ray: the film position, then the lens. `sample` < 65536.
     pub fn camera(&self, pixel: u32, sample: u32) -> [f64; 4] {
         self.set(pixel, sample, 1, 0)
+    }
+
+    /// As [`camera`](Self::camera) for the first `count` of these samples.
+    ///
+    /// # Panics
+    /// `count` above [`LANES`].
+    pub fn cameras(&self, samples: &mut Cameras, count: usize) {
+        if self.kind == SamplerKind::Sobol && count >= WORTH_LANES {
+            sobol_cameras(samples, self.seed);
+            return;
+        }
+        for lane in 0..count {
+            let own = self.camera(samples.pixel[lane], samples.sample[lane]);
+            for number in 0..4 {
+                samples.numbers[number][lane] = own[number];
+            }
+        }
     }
 
     /// Four numbers in [0, 1) for the bounce that ends this ray.
@@ -140,6 +163,45 @@ impl Sampler {
         }
         let points = [shuffled, second_sobol_dimension(shuffled)];
         [0, 1].map(|k| owen_scrambled(points[k], hash(key, 7 + k as u64)))
+    }
+}
+
+/// Samples of camera rays side by side, and their numbers: `[number][lane]`.
+#[derive(Clone, Debug, Default)]
+pub struct Cameras {
+    pub pixel: [u32; LANES],
+    pub sample: [u32; LANES],
+    pub numbers: [[f64; LANES]; 4],
+}
+
+compiled! {
+    fn sobol_cameras(samples: &mut Cameras, seed: u64) = Cameras::sobol;
+}
+
+impl Cameras {
+    /// Takes samples of pixels, at most so many and at most [`LANES`]; how many.
+    pub fn take(&mut self, samples: &mut impl Iterator<Item = (u32, u32)>, most: usize) -> usize {
+        let mut count = 0;
+        for (pixel, sample) in samples.take(most.min(LANES)) {
+            (self.pixel[count], self.sample[count]) = (pixel, sample);
+            count += 1;
+        }
+        count
+    }
+
+    /// Set 0 of the first path, whose salt is 0.
+    #[inline(always)]
+    fn sobol(&mut self, seed: u64) {
+        let mut scrambles = [0; LANES];
+        for lane in 0..LANES {
+            scrambles[lane] = hash(seed, u64::from(self.pixel[lane])) as u32;
+        }
+        let points = sobol::points(self.sample, scrambles);
+        for number in 0..4 {
+            for lane in 0..LANES {
+                self.numbers[number][lane] = f64::from(points[number][lane]);
+            }
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Whatever is out of the ordinary (a grazing ray, an edge within rounding, a start that may be in doubt, an origin that was moved) is left to the decision for single rays.
 
-use super::bundle::{Bundle, RAYS, larger};
+use super::bundle::{Bundle, RAYS, first_lanes, larger};
 use super::questions::Batch;
 use super::tree::{Block, SPHERE_CANDIDATE};
 use crate::geometry::record::Answer;
@@ -78,7 +78,11 @@ impl Decisions {
     pub fn finish(&mut self, batch: &Batch, bundle: &mut Bundle, answers: &mut [Answer]) {
         let (first, count) = (bundle.first, bundle.count.min(RAYS));
         let mut candidates = 0u64;
-        for lane in 0..count {
+        // Rays that ask for any hit have no candidates.
+        let mut closest = first_lanes(count) & !bundle.any;
+        while closest != 0 {
+            let lane = closest.trailing_zeros() as usize & (RAYS - 1);
+            closest &= closest - 1;
             let candidate = bundle.candidate[lane];
             if candidate != NONE {
                 candidates |= 1 << lane;

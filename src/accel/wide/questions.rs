@@ -1,6 +1,6 @@
 //! What a batch asks, and of what.
 
-use std::mem::offset_of;
+use std::mem::{MaybeUninit, offset_of};
 use std::ops::Range;
 
 use glam::DVec3;
@@ -224,7 +224,7 @@ impl Questions for PlainRays<'_> {
         }
         #[repr(align(64))]
         struct Columns([[f32; RAYS]; 8]);
-        let mut columns = Columns([[0.0; RAYS]; 8]);
+        let mut columns = MaybeUninit::<Columns>::uninit();
         let rays = &self.rays[first..first + RAYS];
         for lane in (0..RAYS).step_by(8) {
             let mut rows = [rays[lane].as_ptr(); 8];
@@ -233,8 +233,10 @@ impl Questions for PlainRays<'_> {
                 *row = rays[lane + k].as_ptr();
             }
             // SAFETY: eight columns, aligned to 64 bytes; the rest is the caller's promise.
-            unsafe { E::transpose(rows, columns.0.as_mut_ptr().cast::<f32>().add(lane), RAYS) };
+            unsafe { E::transpose(rows, columns.as_mut_ptr().cast::<f32>().add(lane), RAYS) };
         }
+        // SAFETY: eight lanes of each of the eight columns have been written eight times: all.
+        let columns = unsafe { columns.assume_init_ref() };
         let (shift, scale) = (self.frame.shift.to_array(), self.frame.scale);
         let [x, y, z, t_min, dx, dy, dz, t_max] = &columns.0;
         for (axis, from) in [x, y, z].into_iter().enumerate() {
