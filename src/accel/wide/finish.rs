@@ -94,11 +94,12 @@ impl Decisions {
                 }
             }
         }
-        if candidates == 0 && bundle.decided == 0 {
-            for (lane, answer) in answers[first..first + count].iter_mut().enumerate() {
-                let primitive = if bundle.found >> lane & 1 == 1 { 0 } else { NONE };
-                *answer = Answer { primitive, ..Answer::MISS };
-            }
+        for (lane, answer) in answers[first..first + count].iter_mut().enumerate() {
+            let primitive = if bundle.found >> lane & 1 == 1 { 0 } else { NONE };
+            *answer = Answer { primitive, ..Answer::MISS };
+        }
+        let mut left = candidates | (bundle.decided & first_lanes(count) & !bundle.any);
+        if left == 0 {
             return;
         }
         for group in 0..RAYS / GROUP {
@@ -106,7 +107,9 @@ impl Decisions {
                 self.decide(bundle, batch.walked.starts_extent, group);
             }
         }
-        for lane in 0..count {
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize & (RAYS - 1);
+            left &= left - 1;
             let candidate = bundle.candidate[lane];
             if candidate == NONE {
                 answers[first + lane] = bundle.answer(batch, lane);
