@@ -41,7 +41,7 @@ pub trait Questions {
     /// Reads the questions from `first` on into the first lanes; a bit for each that asks for any hit.
     ///
     /// # Safety
-    /// The level's instructions are there; there are `count` questions, at most [`RAYS`].
+    /// The level's instructions are there; there are `count` questions, at most 64.
     #[inline(always)]
     unsafe fn gather<E: Eight>(
         &self,
