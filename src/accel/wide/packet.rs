@@ -178,7 +178,9 @@ impl Packet {
         // SAFETY: rows are below six; all arrays are aligned to 64 bytes; the rest is the caller's promise.
         unsafe {
             let (mut entered, mut places) = ([0u32; WIDTH], 0);
-            let order = *node.order.get_unchecked((self.class & 7) as usize);
+            // Rays that ask for any hit come from the other side: large things far away stop them sooner than what lies about their starts.
+            let octant = (self.class & 7) ^ if self.any { 7 } else { 0 };
+            let order = *node.order.get_unchecked(octant as usize);
             self.beam.enters::<I::Eight>(node, rows, last, order, &mut entered, &mut places);
             for &k in entered.get_unchecked(..places) {
                 let k = k as usize & (WIDTH - 1);
