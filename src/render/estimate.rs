@@ -201,22 +201,17 @@ impl Estimate {
     /// On the current rayon pool.
     pub fn resolve(&self, crop: Crop, floor: f64) -> (Image, Option<Spread>) {
         let mut image = Image::new(crop.width(), crop.height());
-        let mut spread = (!self.squares.is_empty()).then(|| Spread {
-            variance: vec![[0.0; 3]; image.pixels.len()],
-            freedom: vec![0.0; image.pixels.len()],
-        });
+        let known = if self.squares.is_empty() { 0 } else { image.pixels.len() };
+        let mut spread = Spread { variance: vec![[0.0; 3]; known], freedom: vec![0.0; known] };
         let width = (crop.width() as usize).max(1);
-        let (mut variances, mut freedoms) = spread
-            .as_mut()
-            .map_or((&mut [][..], &mut [][..]), |spread| (&mut spread.variance[..], &mut spread.freedom[..]));
-        let mut rows = Vec::new();
-        for (y, pixels) in (crop.y0..).zip(image.pixels.chunks_mut(width)) {
-            let known = pixels.len().min(variances.len());
-            let (variance, freedom);
-            (variance, variances) = variances.split_at_mut(known);
-            (freedom, freedoms) = freedoms.split_at_mut(known);
-            rows.push((y, pixels, variance, freedom));
-        }
+        let (mut variances, mut freedoms) =
+            (spread.variance.chunks_mut(width), spread.freedom.chunks_mut(width));
+        let rows: Vec<_> = (crop.y0..)
+            .zip(image.pixels.chunks_mut(width))
+            .map(|(y, pixels)| {
+                (y, pixels, variances.next().unwrap_or_default(), freedoms.next().unwrap_or_default())
+            })
+            .collect();
         rows.into_par_iter().for_each(|(y, pixels, variance, freedom)| {
             for (column, (x, colour)) in (crop.x0..).zip(pixels).enumerate() {
                 let pixel = self.pixel(self.place(x, y));
@@ -227,7 +222,7 @@ impl Estimate {
                 }
             }
         });
-        (image, spread)
+        (image, (!self.squares.is_empty()).then_some(spread))
     }
 
     /// What the first surfaces of the asked-for part are, if that is known.

@@ -154,14 +154,14 @@ impl<'a> Relay<'a> {
     pub fn begin(&self, pixels: impl Iterator<Item = u32>, sample: u32, exit: &mut dyn Exit) {
         let mut leg = Leg::new(self, &[], exit);
         let (mut cameras, mut samples) = (Cameras::default(), pixels.map(|pixel| (pixel, sample)));
+        let mut records = Vec::with_capacity(LANES);
         loop {
             let count = cameras.take(&mut samples, LANES);
             if count == 0 {
                 break;
             }
-            let mut records = Vec::with_capacity(count);
             leg.renderer.begin(&self.round, &mut cameras, count, |record| records.push(record));
-            for record in records {
+            for record in records.drain(..) {
                 leg.scratch.deposits.count(&self.film, &record);
                 leg.push(record);
             }

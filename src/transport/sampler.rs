@@ -77,8 +77,8 @@ impl Sampler {
     /// As [`bounce`](Self::bounce) for many rays side by side: `[number][lane]`.
     #[inline(always)]
     pub fn bounces<const N: usize>(&self, rays: &Branches<N>, purpose: Purpose) -> [[f64; N]; 4] {
-        let mut numbers = [[0.0; N]; 4];
         if self.kind != SamplerKind::Sobol {
+            let mut numbers = [[0.0; N]; 4];
             self.bounces_in_turn(rays, purpose, &mut numbers);
             return numbers;
         }
@@ -88,13 +88,7 @@ impl Sampler {
             let salt = salt(rays.path[lane], set);
             scrambles[lane] = hash(hash(self.seed, u64::from(rays.pixel[lane])), salt) as u32;
         }
-        let points = sobol::points(rays.sample, scrambles);
-        for number in 0..4 {
-            for lane in 0..N {
-                numbers[number][lane] = f64::from(points[number][lane]);
-            }
-        }
-        numbers
+        sobol_numbers(rays.sample, scrambles)
     }
 
     /// Kept out of the loops that are made vectors of.
@@ -166,6 +160,19 @@ impl Sampler {
     }
 }
 
+/// Sobol's points of many samples side by side: `[number][lane]`.
+#[inline(always)]
+fn sobol_numbers<const N: usize>(samples: [u32; N], scrambles: [u32; N]) -> [[f64; N]; 4] {
+    let points = sobol::points(samples, scrambles);
+    let mut numbers = [[0.0; N]; 4];
+    for number in 0..4 {
+        for lane in 0..N {
+            numbers[number][lane] = f64::from(points[number][lane]);
+        }
+    }
+    numbers
+}
+
 /// Samples of camera rays side by side, and their numbers: `[number][lane]`.
 #[derive(Clone, Debug, Default)]
 pub struct Cameras {
@@ -196,12 +203,7 @@ impl Cameras {
         for lane in 0..LANES {
             scrambles[lane] = hash(seed, u64::from(self.pixel[lane])) as u32;
         }
-        let points = sobol::points(self.sample, scrambles);
-        for number in 0..4 {
-            for lane in 0..LANES {
-                self.numbers[number][lane] = f64::from(points[number][lane]);
-            }
-        }
+        self.numbers = sobol_numbers(self.sample, scrambles);
     }
 }
 

@@ -368,11 +368,10 @@ impl Bundle {
     #[inline(always)]
     pub fn filter_ray(&self, lane: usize) -> FilterRay {
         let [kx, ky, kz] = axes(self.class[lane]);
-        let shear = [self.shear[0][lane], self.shear[1][lane]];
         FilterRay {
             origin: [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]],
             inverse_z: self.inverse_z[lane],
-            shear,
+            shear: [self.shear[0][lane], self.shear[1][lane]],
             over_square: self.over_square[lane],
             linear: self.linear,
             squared: self.squared,
