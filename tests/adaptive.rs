@@ -82,7 +82,7 @@ fn samples_go_where_they_are_needed() {
     let some = rendered(&work).error.unwrap();
     work.image.error_target = Some(ErrorTarget { metric: ErrorMetric::Rmse, value: 1e-6 });
     let most = rendered(&work).error.unwrap();
-    assert!(some.spp < 40.0 && most.spp > 50.0 && some.spp >= 16.0, "{} {}", some.spp, most.spp);
+    assert!(some.spp < 30.0 && most.spp > 50.0 && some.spp >= 10.0, "{} {}", some.spp, most.spp);
     assert!(some.rmse < 0.02 && most.rmse < some.rmse);
 }
 
@@ -147,10 +147,16 @@ fn mean_and_error(numbers: &[f64]) -> [f64; 2] {
 /// In 40 runs with other seeds the error against a reference is below what was told, but for two at most.
 #[test]
 fn the_error_that_is_told_is_the_error() {
-    for (scene, value) in [("cornell-path", 0.03), ("sphereflake", 0.02)] {
-        let mut work = adaptive(scene, ErrorMetric::Rmse, value);
+    for (scene, value, sampler) in [
         // Independent samples are what the estimate is exact for.
-        work.image.sampler = SamplerKind::Independent;
+        ("cornell-path", 0.03, SamplerKind::Independent),
+        ("sphereflake", 0.02, SamplerKind::Independent),
+        ("cornell-path", 0.02, SamplerKind::Sobol),
+        ("sphereflake", 0.01, SamplerKind::Sobol),
+        ("sphereflake", 0.01, SamplerKind::Stratified),
+    ] {
+        let mut work = adaptive(scene, ErrorMetric::Rmse, value);
+        work.image.sampler = sampler;
         (work.image.width, work.image.height) = (32, 24);
         work.image.crop = Crop { x0: 0, y0: 0, x1: 32, y1: 24 };
         work.image.spp = 256;
@@ -159,7 +165,7 @@ fn the_error_that_is_told_is_the_error() {
         reference.image.sampler = SamplerKind::Sobol;
         (reference.image.seed, reference.image.spp) = (1000, 4096);
         let reference = render(&reference, 2);
-        let (mut above, mut ratio) = (0, 0.0);
+        let (mut above, mut ratio, mut spp) = (0, 0.0, 0.0);
         for seed in 0..40 {
             work.image.seed = seed;
             let found = rendered(&work);
@@ -167,8 +173,14 @@ fn the_error_that_is_told_is_the_error() {
             let told = found.error.unwrap();
             above += usize::from(truth > told.rmse_at_most);
             ratio += truth / told.rmse / 40.0;
+            spp += told.spp / 40.0;
         }
+        println!(
+            "{scene} to {value}, {sampler:?}: {spp:.1} samples, error {ratio:.2} of what was told, {above} above"
+        );
         assert!(above <= 2, "{scene}: {above} of 40 are above");
-        assert!((0.8..1.1).contains(&ratio), "{scene}: the error is {ratio} of what was told");
+        // Samples that are spread evenly are better than can be known of them.
+        let least = if sampler == SamplerKind::Independent { 0.8 } else { 0.5 };
+        assert!((least..1.1).contains(&ratio), "{scene}: the error is {ratio} of what was told");
     }
 }

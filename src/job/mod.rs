@@ -18,15 +18,16 @@ use crate::output::progress::{Progress, ProgressKind};
 use crate::output::stats::{self, RankStats};
 use crate::output::timeline::{Event, Timeline};
 use crate::render::allotment;
-use crate::render::estimate::{ErrorReached, Estimate, Spread};
+use crate::render::estimate::{Estimate, Spread};
 use crate::render::features::Features;
 use crate::render::film::Film;
 use crate::render::filter::FilterTable;
+use crate::render::metric::ErrorReached;
 use crate::render::rounds::{self, Activity, Round};
 use crate::render::tile::Tiling;
 use crate::render::{RayTally, Renderer, cost};
 use crate::scene::Scene;
-use crate::settings::{ImageSettings, Integrator, RunSettings, Split, Within};
+use crate::settings::{ImageSettings, Integrator, RunSettings, SamplerKind, Split, Within};
 use crate::wire;
 
 pub use partition::Division;
@@ -111,14 +112,19 @@ pub fn render_by(
         let Some(next) = schedule.get(number + 1) else { break };
         // Rank 0 alone has the whole film, and the clock that counts.
         let decision = computed(crew.comm, || {
-            let Some(estimate) = &estimate else { return Ok((Activity::default(), false)) };
+            let Some(estimate) = &mut estimate else { return Ok((Activity::default(), false)) };
             let wanting =
                 error_target.filter(|_| next.first >= rounds::first_look(&work.image)).map(|target| {
                     // The first look is at the whole image; then what is asked for goes on.
                     let (worth, before) = match worth {
                         Some(worth) => (worth, activity.clone()),
                         None => {
-                            let found = crew.wide.install(|| allotment::worth(estimate, target));
+                            let found = crew.wide.install(|| {
+                                if work.image.sampler != SamplerKind::Independent {
+                                    estimate.find_rate(target.metric);
+                                }
+                                allotment::worth(estimate, target)
+                            });
                             (*worth.insert(found), Activity::asked(&work.image))
                         }
                     };

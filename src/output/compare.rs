@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::image::Image;
 
 /// Keeps SMAPE finite too.
-pub use crate::render::estimate::RELATIVE_EPSILON;
+pub use crate::render::metric::RELATIVE_EPSILON;
 
 /// Differences of a test image from a reference. All but FLIP are taken over the linear values of all
 /// three channels; r is the reference's value, t the test's. Equal infinities and two NaN differ by 0, a

@@ -1,6 +1,6 @@
 //! What an image file says of its making: the settings that define it, nothing of how or where it was run.
 
-use crate::render::estimate::ErrorReached;
+use crate::render::metric::ErrorReached;
 use crate::settings::ImageSettings;
 
 /// The estimated error of an image, as it is stored in it.

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::file;
 use crate::cluster::exchange::ExchangeStats;
 use crate::error::Result;
-use crate::render::estimate::ErrorReached;
+use crate::render::metric::ErrorReached;
 
 /// Wall seconds of one rank's phases.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -16,8 +16,8 @@ const PART: usize = 1 << 14;
 #[derive(Clone, Copy, Debug, Default)]
 struct Sampled {
     samples: f64,
-    /// Of one sample, weighted as the metric does.
-    variance: f64,
+    /// The squared error of n samples, times n^rate, weighted as the metric does.
+    spread: f64,
 }
 
 /// A square of pixels that decides by itself.
@@ -38,7 +38,7 @@ impl Block {
         (top..).zip(&self.pixels[..rows]).flat_map(row)
     }
 
-    /// Each variance weighed against the mean of those around it, which counts as [`NEIGHBOURS`] samples.
+    /// Each spread weighed against the mean of those around it, which counts as [`NEIGHBOURS`] samples.
     fn smooth(&self) -> Block {
         let (columns, rows) = self.size;
         let around = |at: usize, most: usize| at.saturating_sub(1)..(at + 2).min(most);
@@ -48,16 +48,16 @@ impl Block {
                 let (mut sum, mut weights) = (0.0, 0.0);
                 for y in around(row, rows) {
                     for x in around(column, columns) {
-                        let Sampled { samples, variance } = self.pixels[y][x];
+                        let Sampled { samples, spread } = self.pixels[y][x];
                         let samples = if (x, y) == (column, row) { 0.0 } else { samples };
-                        sum += samples * variance;
+                        sum += samples * spread;
                         weights += samples;
                     }
                 }
-                let Sampled { samples, variance } = self.pixels[row][column];
+                let Sampled { samples, spread } = self.pixels[row][column];
                 if weights > 0.0 {
-                    pixels[row][column].variance =
-                        (NEIGHBOURS * (sum / weights) + samples * variance) / (NEIGHBOURS + samples);
+                    pixels[row][column].spread =
+                        (NEIGHBOURS * (sum / weights) + samples * spread) / (NEIGHBOURS + samples);
                 }
             }
         }
@@ -65,42 +65,68 @@ impl Block {
     }
 }
 
+/// What becomes of a pixel that needs more samples.
+struct Prospect {
+    /// It gets so many over the root of what a sample must be worth.
+    samples: f64,
+    /// What that leaves of its squared error, over the root to the power of the rate.
+    left: f64,
+    /// The samples that it has, and its squared error by these.
+    now: (f64, f64),
+}
+
+/// The root of `worth` that samples go by.
+fn root(worth: f64, rate: f64) -> f64 {
+    libm::pow(worth, 1.0 / (1.0 + rate))
+}
+
+impl Prospect {
+    fn of(&Sampled { samples, spread }: &Sampled, rate: f64) -> Self {
+        let wanted = root(rate * spread, rate);
+        let left = if wanted > 0.0 { spread * libm::pow(wanted, -rate) } else { 0.0 };
+        Prospect { samples: wanted, left, now: (samples, spread * libm::pow(samples.max(1.0), -rate)) }
+    }
+}
+
 /// The squared error that a sample of any pixel must still take away to be worth its time, so that the whole image gets to its target with the fewest samples: as the first
 /// round tells it, which all pixels have had.
 ///
-/// With c the variance of a pixel's samples, n of them leave c / n, and one more takes c / n² away. The fewest samples in all are those where that is the same for every
-/// pixel, n = √(c / worth) (Neyman 1934, "On the Two Different Aspects of the Representative Method", section IV), but for those that need no more than they have. What
-/// the most that any may have leaves isn't made up for by others. Sobol's points leave less than c / n: then the image gets better than its target.
+/// With c the spread of a pixel and r the rate, n samples leave c / n^r of its squared error, and one more takes r c / n^(1 + r) away. The fewest samples in all are those where that is
+/// the same for every pixel, n^(1 + r) = r c / worth, but for those that need no more than they have (for r = 1 Neyman 1934, "On the Two Different Aspects of the Representative Method",
+/// section IV). What the most that any may have leaves isn't made up for by others.
 pub fn worth(estimate: &Estimate, target: ErrorTarget) -> f64 {
     let goal = match target.metric {
         ErrorMetric::Relmse => target.value,
         ErrorMetric::Rmse | ErrorMetric::Display => target.value * target.value,
     };
-    // √c of each pixel, and how many samples it has.
+    let rate = estimate.rate();
     let mut pixels = Vec::new();
-    let mut take = |block: &Block| pixels.extend(block.all().map(|(_, p)| (p.variance.sqrt(), p.samples)));
+    let mut take = |block: &Block| pixels.extend(block.all().map(|(_, pixel)| Prospect::of(&pixel, rate)));
     blocks(estimate, target.metric, |_, _| true, &mut take);
     let allowed = goal * pixels.len() as f64;
     let is_enough = |root: f64| -> bool {
-        let left =
-            |&(deviation, samples): &(f64, f64)| deviation * deviation / (deviation / root).max(samples);
+        let factor = libm::pow(root, rate);
+        let left = |pixel: &Prospect| {
+            let (samples, error) = pixel.now;
+            if pixel.samples > samples * root { pixel.left * factor } else { error }
+        };
         // Sums of the same numbers in the same order, whoever adds them.
         let parts: Vec<f64> =
             pixels.par_chunks(PART).map(|part| part.iter().map(left).sum::<f64>()).collect();
         parts.iter().sum::<f64>() <= allowed
     };
-    // √worth, between where all pixels get more than they have, and where none does.
+    // The root, between where all pixels get more than they have, and where none does.
     let (sum, mut high) =
-        pixels.iter().fold((0.0, 0.0), |(sum, most): (f64, f64), &(d, _)| (sum + d, most.max(d)));
+        pixels.iter().fold((0.0, 0.0), |(sum, most): (f64, f64), p| (sum + p.left, most.max(p.samples)));
     if sum == 0.0 {
         return 0.0;
     }
-    let mut low = allowed / sum;
+    let mut low = libm::pow(allowed / sum, 1.0 / rate);
     while high > 1.001 * low {
         let middle = low.sqrt() * high.sqrt();
         if is_enough(middle) { low = middle } else { high = middle }
     }
-    low * low
+    libm::pow(low, 1.0 + rate)
 }
 
 /// The pixels to which another sample is worth its time, of blocks that had any such before. What a pixel's samples vary by is told by its neighbours', too, which may have
@@ -113,9 +139,11 @@ pub fn wanting(
     before: &Activity,
 ) -> Activity {
     let mut wanting = Activity::none(settings, estimate.area);
+    let rate = estimate.rate();
+    let least = root(worth, rate);
     let mut decide = |block: &Block| {
         for ((x, y), pixel) in block.all() {
-            if pixel.variance > worth * (pixel.samples * pixel.samples) {
+            if root(rate * pixel.spread, rate) > least * pixel.samples {
                 wanting.add(x, y);
             }
         }
@@ -141,8 +169,8 @@ fn blocks(
         for (y, row) in (top..bottom).zip(&mut pixels) {
             for (x, own) in (left..right).zip(row) {
                 let pixel = estimate.pixel(estimate.place(x, y));
-                let samples = pixel.samples as f64;
-                *own = Sampled { samples, variance: samples * pixel.error(metric) };
+                let (samples, rate) = (pixel.samples as f64, estimate.rate());
+                *own = Sampled { samples, spread: pixel.error(metric, rate) * libm::pow(samples, rate) };
             }
         }
         let size = ((right - left) as usize, (bottom - top) as usize);

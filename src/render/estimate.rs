@@ -1,14 +1,16 @@
 //! What a film knows of itself: means of pixels, the variances of these, and so how far the image is from its limit.
 //!
 //! Variances come from the means of batches: for n samples in B batches of n_b samples and means m_b the variance of one sample is estimated as Σ n_b (m_b − m)² / (B − 1), that
-//! of the mean m as its n-th part. It holds for independent batches; of samples that are spread evenly it says too much, not too little.
+//! of the mean m as its n-th part. It holds for independent batches; of samples that are spread evenly it says too much, not too little. How much it is, the first round
+//! tells where an error is to be met: see `rate`.
 
 use rayon::prelude::*;
-use serde::Serialize;
 
 use super::features::{Features, PLANES};
 use super::film::{Cell, Film};
-use super::rounds::Round;
+use super::metric::{ErrorReached, Moments, weight};
+use super::rate::{self, Halving, Halvings, INDEPENDENT, QUARTERS};
+use super::rounds::{BLOCK, Round};
 use crate::image::Image;
 use crate::memory::{Array, HugeArray};
 use crate::scene::Frame;
@@ -26,22 +28,12 @@ pub struct Estimate {
     cells: HugeArray<Cell>,
     /// Of each cell Σ n_b m_b² and the number of batches; empty where nobody asks for variances.
     squares: Vec<([f64; 3], u32)>,
+    /// Of each cell, after a first round that tells them; else empty.
+    halvings: Vec<Halving>,
+    /// By which squared errors of pixels fall.
+    rate: f64,
     /// Of each pixel the planes of [`Features`]; empty where nobody asks for them.
     features: Vec<[Cell; PLANES]>,
-}
-
-/// How far an image is from what it would be with infinitely many samples, as its own samples tell.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct ErrorReached {
-    /// √ mean (t − r)² over pixels and channels, as `compare` says it.
-    pub rmse: f64,
-    /// What the RMSE is below of with 95 % confidence.
-    pub rmse_at_most: f64,
-    /// mean (t − r)² / (r² + ε), as `compare` says it.
-    pub rel_mse: f64,
-    pub rel_mse_at_most: f64,
-    /// Mean number of samples of a pixel.
-    pub spp: f64,
 }
 
 /// How well the means of an image's pixels are known.
@@ -52,11 +44,6 @@ pub struct Spread {
     /// The degrees of freedom of that: of B batches B - 1, or what Welch gives both planes together. 0 where it isn't known.
     pub freedom: Vec<f32>,
 }
-
-/// The quantile of 95 % of a normal distribution.
-const QUANTILE: f64 = 1.645;
-/// Keeps relMSE finite in black pixels.
-pub const RELATIVE_EPSILON: f64 = 1e-2;
 
 /// A pixel's mean and the variance of that.
 #[derive(Clone, Copy, Debug)]
@@ -69,10 +56,11 @@ pub(super) struct Pixel {
 }
 
 impl Pixel {
-    /// The squared error that is expected of the mean, as the metric counts it.
-    pub fn error(&self, metric: ErrorMetric) -> f64 {
+    /// The squared error that is expected of the mean, as the metric counts it, if that of B batches falls as B^-rate.
+    pub fn error(&self, metric: ErrorMetric, rate: f64) -> f64 {
         let weighted = |k: usize| weight(metric, self.mean[k]) * self.variance[k];
-        (weighted(0) + weighted(1) + weighted(2)) / 3.0
+        let independent = (weighted(0) + weighted(1) + weighted(2)) / 3.0;
+        if rate > 1.0 { independent * libm::pow(self.freedom + 1.0, 1.0 - rate) } else { independent }
     }
 }
 
@@ -81,6 +69,7 @@ struct Row<'e> {
     planes: usize,
     cells: &'e mut [Cell],
     squares: &'e mut [([f64; 3], u32)],
+    halvings: &'e mut [Halving],
     features: &'e mut [[Cell; PLANES]],
 }
 
@@ -92,7 +81,15 @@ impl Row<'_> {
         }
         for plane in 0..self.planes {
             let index = pixel * self.planes + plane;
-            for part in parts.iter().skip(plane).step_by(self.planes).filter(|part| part.count > 0) {
+            let parts = parts.iter().skip(plane).step_by(self.planes);
+            if let Some(halving) = self.halvings.get_mut(index) {
+                let mut means = parts.clone().map(Cell::mean);
+                if let [Some(a), Some(b), Some(c), Some(d)] = [(); QUARTERS].map(|()| means.next().flatten())
+                {
+                    *halving = Halving::of_quarters([a, b, c, d]);
+                }
+            }
+            for part in parts.filter(|part| part.count > 0) {
                 self.cells[index].merge(part);
                 if let Some((squares, count)) = self.squares.get_mut(index) {
                     let mean = part.mean().unwrap_or_default();
@@ -114,7 +111,16 @@ impl Estimate {
     pub fn new(area: Crop, planes: usize, negative_mass: f64) -> Self {
         let cells = area.width() as usize * area.height() as usize * planes;
         let cells = HugeArray::zeroed(cells).expect("memory for an image's sums");
-        Estimate { area, planes, negative_mass, cells, squares: Vec::new(), features: Vec::new() }
+        Estimate {
+            area,
+            planes,
+            negative_mass,
+            cells,
+            squares: Vec::new(),
+            halvings: Vec::new(),
+            rate: INDEPENDENT,
+            features: Vec::new(),
+        }
     }
 
     /// Wants variances to be known.
@@ -139,8 +145,11 @@ impl Estimate {
         let lights = planes * round.batches as usize;
         let all = lights + if self.features.is_empty() { 0 } else { PLANES };
         let width = self.area.width() as usize;
-        let (mut squares, mut features) =
-            (self.squares.chunks_mut(width * planes), self.features.chunks_mut(width));
+        let tells = round.first == 0 && round.batches as usize == QUARTERS && !self.squares.is_empty();
+        self.halvings = vec![Halving::default(); if tells { self.cells.len() } else { 0 }];
+        let mut squares = self.squares.chunks_mut(width * planes);
+        let mut halvings = self.halvings.chunks_mut(width * planes);
+        let mut features = self.features.chunks_mut(width);
         let rows: Vec<Row> = self
             .cells
             .chunks_mut(width * planes)
@@ -148,6 +157,7 @@ impl Estimate {
                 planes,
                 cells,
                 squares: squares.next().unwrap_or_default(),
+                halvings: halvings.next().unwrap_or_default(),
                 features: features.next().unwrap_or_default(),
             })
             .collect();
@@ -157,6 +167,36 @@ impl Estimate {
                 row.absorb(pixel, parts.split_at(lights));
             }
         });
+    }
+
+    /// Finds the [`rate`] of samples that are spread evenly, right after a first round of [`QUARTERS`] batches; the errors that are told from then on go by it.
+    /// On the current rayon pool.
+    pub fn find_rate(&mut self, metric: ErrorMetric) {
+        if self.halvings.is_empty() {
+            return;
+        }
+        let estimate = &*self;
+        let Crop { x0, y0, x1, y1 } = self.area;
+        let columns = (x1 - x0).div_ceil(BLOCK);
+        let blocks = (0..columns * (y1 - y0).div_ceil(BLOCK)).into_par_iter().map(|block| {
+            let (left, top) = (x0 + block % columns * BLOCK, y0 + block / columns * BLOCK);
+            let mut sums = Halvings::default();
+            for y in top..(top + BLOCK).min(y1) {
+                for x in left..(left + BLOCK).min(x1) {
+                    let place = estimate.place(x, y);
+                    let weights = estimate.pixel(place).mean.map(|mean| weight(metric, mean));
+                    for halving in &estimate.halvings[place * self.planes..][..self.planes] {
+                        sums.add(halving, weights);
+                    }
+                }
+            }
+            sums
+        });
+        self.rate = rate::rate(&blocks.collect::<Vec<_>>());
+    }
+
+    pub(super) fn rate(&self) -> f64 {
+        self.rate
     }
 
     pub(super) fn pixel(&self, pixel: usize) -> Pixel {
@@ -257,7 +297,7 @@ impl Estimate {
                 pixels += 1.0;
                 known |= pixel.freedom > 0.0;
                 for (sums, metric) in sums.iter_mut().zip([ErrorMetric::Rmse, ErrorMetric::Relmse]) {
-                    sums.add(pixel.error(metric));
+                    sums.add(pixel.error(metric, self.rate));
                 }
             }
         }
@@ -272,47 +312,6 @@ impl Estimate {
             rel_mse_at_most: rel_most,
             spp: samples / pixels,
         })
-    }
-}
-
-/// By what a variance at a mean counts.
-fn weight(metric: ErrorMetric, mean: f64) -> f64 {
-    match metric {
-        ErrorMetric::Rmse => 1.0,
-        ErrorMetric::Relmse => 1.0 / (mean * mean + RELATIVE_EPSILON),
-        ErrorMetric::Display => {
-            let slope = encoding_slope(mean);
-            slope * slope
-        }
-    }
-}
-
-/// How steep the sRGB curve (IEC 61966-2-1) is; what is brighter than white is white.
-fn encoding_slope(linear: f64) -> f64 {
-    if linear <= 0.003_130_8 { 12.92 } else { 1.055 / 2.4 * libm::pow(linear.min(1.0), 1.0 / 2.4 - 1.0) }
-}
-
-/// Sums of squared errors that are expected of pixels.
-#[derive(Clone, Copy, Debug, Default)]
-struct Moments {
-    count: f64,
-    sum: f64,
-    squares: f64,
-}
-
-impl Moments {
-    fn add(&mut self, value: f64) {
-        self.count += 1.0;
-        self.sum += value;
-        self.squares += value * value;
-    }
-
-    /// The mean, and what the mean of the errors themselves is below of with 95 % confidence. A pixel's variance is known from a few batches only, and its error is
-    /// one draw: both scatter by about as much as they are large (twice their squares for normal errors).
-    fn estimate(&self) -> (f64, f64) {
-        let mean = self.sum / self.count;
-        let scatter = 3.0 * self.squares / (self.count * self.count);
-        (mean, mean + QUANTILE * scatter.sqrt())
     }
 }
 

@@ -7,6 +7,8 @@ pub mod estimate;
 pub mod features;
 pub mod film;
 pub mod filter;
+pub mod metric;
+pub mod rate;
 pub mod relay;
 pub mod rounds;
 pub mod shared_film;
