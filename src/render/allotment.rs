@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::estimate::Estimate;
+use super::rate::Rate;
 use super::rounds::{Activity, BLOCK};
 use crate::settings::{Crop, ErrorMetric, ErrorTarget, ImageSettings};
 
@@ -67,24 +68,19 @@ impl Block {
 
 /// What becomes of a pixel that needs more samples.
 struct Prospect {
-    /// It gets so many over the root of what a sample must be worth.
+    /// It gets so many over a root of what a sample must be worth, the (1 + rate)-th.
     samples: f64,
-    /// What that leaves of its squared error, over the root to the power of the rate.
+    /// What that leaves of its squared error, over that root to the power of the rate.
     left: f64,
     /// The samples that it has, and its squared error by these.
     now: (f64, f64),
 }
 
-/// The root of `worth` that samples go by.
-fn root(worth: f64, rate: f64) -> f64 {
-    libm::pow(worth, 1.0 / (1.0 + rate))
-}
-
 impl Prospect {
-    fn of(&Sampled { samples, spread }: &Sampled, rate: f64) -> Self {
-        let wanted = root(rate * spread, rate);
-        let left = if wanted > 0.0 { spread * libm::pow(wanted, -rate) } else { 0.0 };
-        Prospect { samples: wanted, left, now: (samples, spread * libm::pow(samples.max(1.0), -rate)) }
+    fn of(&Sampled { samples, spread }: &Sampled, rate: &Rate) -> Self {
+        let r = rate.value();
+        let wanted = libm::pow(r * spread, 1.0 / (1.0 + r));
+        Prospect { samples: wanted, left: wanted / r, now: (samples, spread / rate.power(samples.max(1.0))) }
     }
 }
 
@@ -105,7 +101,7 @@ pub fn worth(estimate: &Estimate, target: ErrorTarget) -> f64 {
     blocks(estimate, target.metric, |_, _| true, &mut take);
     let allowed = goal * pixels.len() as f64;
     let is_enough = |root: f64| -> bool {
-        let factor = libm::pow(root, rate);
+        let factor = libm::pow(root, rate.value());
         let left = |pixel: &Prospect| {
             let (samples, error) = pixel.now;
             if pixel.samples > samples * root { pixel.left * factor } else { error }
@@ -121,12 +117,12 @@ pub fn worth(estimate: &Estimate, target: ErrorTarget) -> f64 {
     if sum == 0.0 {
         return 0.0;
     }
-    let mut low = libm::pow(allowed / sum, 1.0 / rate);
+    let mut low = libm::pow(allowed / sum, 1.0 / rate.value());
     while high > 1.001 * low {
         let middle = low.sqrt() * high.sqrt();
         if is_enough(middle) { low = middle } else { high = middle }
     }
-    libm::pow(low, 1.0 + rate)
+    libm::pow(low, 1.0 + rate.value())
 }
 
 /// The pixels to which another sample is worth its time, of blocks that had any such before. What a pixel's samples vary by is told by its neighbours', too, which may have
@@ -140,10 +136,9 @@ pub fn wanting(
 ) -> Activity {
     let mut wanting = Activity::none(settings, estimate.area);
     let rate = estimate.rate();
-    let least = root(worth, rate);
     let mut decide = |block: &Block| {
         for ((x, y), pixel) in block.all() {
-            if root(rate * pixel.spread, rate) > least * pixel.samples {
+            if rate.value() * pixel.spread > worth * (pixel.samples * rate.power(pixel.samples)) {
                 wanting.add(x, y);
             }
         }
@@ -170,7 +165,7 @@ fn blocks(
             for (x, own) in (left..right).zip(row) {
                 let pixel = estimate.pixel(estimate.place(x, y));
                 let (samples, rate) = (pixel.samples as f64, estimate.rate());
-                *own = Sampled { samples, spread: pixel.error(metric, rate) * libm::pow(samples, rate) };
+                *own = Sampled { samples, spread: pixel.error(metric, rate) * rate.power(samples) };
             }
         }
         let size = ((right - left) as usize, (bottom - top) as usize);

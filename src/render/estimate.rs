@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::features::{Features, PLANES};
 use super::film::{Cell, Film};
 use super::metric::{ErrorReached, Moments, weight};
-use super::rate::{self, Halving, Halvings, INDEPENDENT, QUARTERS};
+use super::rate::{self, Halving, Halvings, QUARTERS, Rate};
 use super::rounds::{BLOCK, Round};
 use crate::image::Image;
 use crate::memory::{Array, HugeArray};
@@ -31,7 +31,7 @@ pub struct Estimate {
     /// Of each cell, after a first round that tells them; else empty.
     halvings: Vec<Halving>,
     /// By which squared errors of pixels fall.
-    rate: f64,
+    rate: Rate,
     /// Of each pixel the planes of [`Features`]; empty where nobody asks for them.
     features: Vec<[Cell; PLANES]>,
 }
@@ -57,10 +57,11 @@ pub(super) struct Pixel {
 
 impl Pixel {
     /// The squared error that is expected of the mean, as the metric counts it, if that of B batches falls as B^-rate.
-    pub fn error(&self, metric: ErrorMetric, rate: f64) -> f64 {
+    pub fn error(&self, metric: ErrorMetric, rate: &Rate) -> f64 {
         let weighted = |k: usize| weight(metric, self.mean[k]) * self.variance[k];
         let independent = (weighted(0) + weighted(1) + weighted(2)) / 3.0;
-        if rate > 1.0 { independent * libm::pow(self.freedom + 1.0, 1.0 - rate) } else { independent }
+        let batches = self.freedom + 1.0;
+        independent * (batches / rate.power(batches))
     }
 }
 
@@ -118,7 +119,7 @@ impl Estimate {
             cells,
             squares: Vec::new(),
             halvings: Vec::new(),
-            rate: INDEPENDENT,
+            rate: Rate::default(),
             features: Vec::new(),
         }
     }
@@ -192,11 +193,11 @@ impl Estimate {
             }
             sums
         });
-        self.rate = rate::rate(&blocks.collect::<Vec<_>>());
+        self.rate = Rate::new(rate::find(&blocks.collect::<Vec<_>>()));
     }
 
-    pub(super) fn rate(&self) -> f64 {
-        self.rate
+    pub(super) fn rate(&self) -> &Rate {
+        &self.rate
     }
 
     pub(super) fn pixel(&self, pixel: usize) -> Pixel {
@@ -297,7 +298,7 @@ impl Estimate {
                 pixels += 1.0;
                 known |= pixel.freedom > 0.0;
                 for (sums, metric) in sums.iter_mut().zip([ErrorMetric::Rmse, ErrorMetric::Relmse]) {
-                    sums.add(pixel.error(metric, self.rate));
+                    sums.add(pixel.error(metric, &self.rate));
                 }
             }
         }

@@ -11,11 +11,47 @@ use crate::scene::Color;
 pub const QUARTERS: usize = 4;
 
 /// The rate of independent samples.
-pub const INDEPENDENT: f64 = 1.0;
+const INDEPENDENT: f64 = 1.0;
 /// That of the best points where there are edges. Two samples may be better than one by more, but not so many samples.
 const BEST: f64 = 1.5;
 /// How much of what a rate is above that of independent samples is counted on.
 const TRUSTED: f64 = 0.5;
+
+/// A rate, with powers of small numbers at hand: each pixel asks for some.
+#[derive(Clone, Debug)]
+pub struct Rate {
+    value: f64,
+    /// `powers[n]` is n^rate.
+    powers: Vec<f64>,
+}
+
+impl Rate {
+    /// Numbers whose powers are at hand.
+    const SMALL: usize = 1024;
+
+    pub fn new(value: f64) -> Self {
+        Rate { value, powers: (0..Rate::SMALL).map(|n| libm::pow(n as f64, value)).collect() }
+    }
+
+    pub fn value(&self) -> f64 {
+        self.value
+    }
+
+    /// n^rate, of n from 0 on.
+    pub fn power(&self, n: f64) -> f64 {
+        match self.powers.get(n as usize) {
+            Some(&power) if n == f64::from(n as u32) => power,
+            _ => libm::pow(n, self.value),
+        }
+    }
+}
+
+impl Default for Rate {
+    /// That of independent samples.
+    fn default() -> Self {
+        Rate::new(INDEPENDENT)
+    }
+}
 
 /// Squares by which means of a cell's first samples differ, by channel.
 #[derive(Clone, Copy, Debug, Default)]
@@ -64,7 +100,7 @@ impl Halvings {
 }
 
 /// The rate that is counted on by what blocks of pixels tell, 1 to 1.25; that of independent samples where nothing differs.
-pub fn rate(blocks: &[Halvings]) -> f64 {
+pub fn find(blocks: &[Halvings]) -> f64 {
     let mut all = Halvings::default();
     let blocks = || blocks.iter().map(|block| block.by_deviation());
     for block in blocks() {
@@ -107,7 +143,7 @@ mod tests {
                 sums
             })
             .collect();
-        rate(&blocks)
+        find(&blocks)
     }
 
     #[test]
