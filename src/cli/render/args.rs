@@ -106,9 +106,9 @@ pub struct Args {
     /// Threads of each rank [env: HELIOSTAT_THREADS, each rank's own] [default: the processors, divided among the ranks that share them]
     #[arg(long, value_name = "N", help_heading = "Run")]
     pub(super) threads: Option<NonZeroUsize>,
-    /// Edge of a tile in pixels
-    #[arg(long, value_name = "N", env = "HELIOSTAT_TILE_SIZE", default_value_t = 32, value_parser = clap::value_parser!(u32).range(1..=4096), help_heading = "Run")]
-    pub(super) tile_size: u32,
+    /// Edge of a tile in pixels; never changes a byte of the image [default: 32, or 64 where a million pixels or more get one sample each]
+    #[arg(long, value_name = "N", env = "HELIOSTAT_TILE_SIZE", value_parser = clap::value_parser!(u32).range(1..=4096), help_heading = "Run")]
+    pub(super) tile_size: Option<u32>,
     /// Show progress on standard error
     #[arg(long, env = "HELIOSTAT_PROGRESS", default_value = "auto", help_heading = "Reports")]
     pub(super) progress: ProgressKind,

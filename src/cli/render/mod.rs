@@ -117,7 +117,7 @@ fn prepare(args: Args, timeline: &Timeline, stats: &mut RankStats) -> Result<(Wo
         build: BuildSettings { preset: args.build, grid_density: args.grid_density },
         split: args.split,
         within: args.within,
-        tile_size: args.tile_size,
+        tile_size: args.tile_size.unwrap_or_else(|| RunSettings::tile_size_for(&image)),
         deal: args.deal,
         ray_memory: args.ray_memory,
         replicate_hot: replicates(args.replicate_hot, args.split)?,
