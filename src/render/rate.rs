@@ -99,30 +99,27 @@ impl Halvings {
     }
 }
 
-/// The rate that is counted on by what blocks of pixels tell, 1 to 1.25; that of independent samples where nothing differs.
+/// The rate that is counted on by what blocks of pixels tell, 1 to 1.25; that of independent samples where nothing differs, or where a single block tells it all.
 pub fn find(blocks: &[Halvings]) -> f64 {
-    let mut all = Halvings::default();
+    let (mut all, mut squares) = (Halvings::default(), 0.0);
     let blocks = || blocks.iter().map(|block| block.by_deviation());
     for block in blocks() {
         all.quarters += block.quarters;
         all.halves += block.halves;
+        squares += block.quarters * block.quarters;
     }
-    if all.quarters == 0.0 {
+    if all.quarters == 0.0 || all.halves == 0.0 {
         return INDEPENDENT;
     }
-    if all.halves == 0.0 {
-        return counted_on(BEST);
-    }
-    // The ratio of two sums over blocks, and how far it is off (Cochran 1977, "Sampling Techniques", section 6.3).
+    // The ratio of two sums over blocks, and how far it is off (Cochran 1977, "Sampling Techniques", section 6.3): of as many blocks as count alike.
+    let count = all.quarters * all.quarters / squares;
     let ratio = all.quarters / all.halves;
-    let squares: f64 = blocks().map(|block| block.quarters - ratio * block.halves).map(|off| off * off).sum();
-    let off = QUANTILE * squares.sqrt() / all.quarters;
-    counted_on(libm::log2(ratio * (1.0 - off).max(0.1)))
-}
-
-/// Of a rate that was found.
-fn counted_on(rate: f64) -> f64 {
-    INDEPENDENT + TRUSTED * (rate.clamp(INDEPENDENT, BEST) - INDEPENDENT)
+    let residues: f64 =
+        blocks().map(|block| block.quarters - ratio * block.halves).map(|off| off * off).sum();
+    let off = QUANTILE * (residues * count / (count - 1.0).max(0.0)).sqrt() / all.quarters;
+    // Nothing is known where that isn't a number.
+    let least = if off < 1.0 { libm::log2(ratio * (1.0 - off)) } else { INDEPENDENT };
+    INDEPENDENT + TRUSTED * (least.clamp(INDEPENDENT, BEST) - INDEPENDENT)
 }
 
 #[cfg(test)]
@@ -163,7 +160,13 @@ mod tests {
     }
 
     #[test]
-    fn what_never_differs_tells_nothing() {
+    fn what_never_differs_tells_nothing_nor_does_a_single_block() {
         assert_eq!(told(|_, _| 0.25), 1.0);
+        let alone =
+            |pixel, sample: u32| if pixel < 64 { f64::from(sample.reverse_bits() >> 28) } else { 0.25 };
+        assert_eq!(told(alone), 1.0);
+        let some =
+            |pixel, sample: u32| if pixel < 640 { f64::from(sample.reverse_bits() >> 28) } else { 0.25 };
+        assert_eq!(told(some), 1.25);
     }
 }
