@@ -90,6 +90,9 @@ pub fn render_by(
         if variances {
             estimate = estimate.with_variances();
         }
+        if error_target.is_some() && work.image.sampler != SamplerKind::Independent {
+            estimate = estimate.with_rate();
+        }
         if features { estimate.with_features() } else { estimate }
     });
     let mut activity = Activity::all(&work.image);
@@ -120,9 +123,7 @@ pub fn render_by(
                         Some(worth) => (worth, activity.clone()),
                         None => {
                             let found = crew.wide.install(|| {
-                                if work.image.sampler != SamplerKind::Independent {
-                                    estimate.find_rate(target.metric);
-                                }
+                                estimate.find_rate(target.metric);
                                 allotment::worth(estimate, target)
                             });
                             (*worth.insert(found), Activity::asked(&work.image))

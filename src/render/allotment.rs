@@ -68,10 +68,9 @@ impl Block {
 
 /// What becomes of a pixel that needs more samples.
 struct Prospect {
-    /// It gets so many over a root of what a sample must be worth, the (1 + rate)-th.
+    /// It gets so many over a root of what a sample must be worth, the (1 + rate)-th; of its squared error that leaves as much over the rate, times that root to the power of
+    /// the rate.
     samples: f64,
-    /// What that leaves of its squared error, over that root to the power of the rate.
-    left: f64,
     /// The samples that it has, and its squared error by these.
     now: (f64, f64),
 }
@@ -80,7 +79,7 @@ impl Prospect {
     fn of(&Sampled { samples, spread }: &Sampled, rate: &Rate) -> Self {
         let r = rate.value();
         let wanted = libm::pow(r * spread, 1.0 / (1.0 + r));
-        Prospect { samples: wanted, left: wanted / r, now: (samples, spread / rate.power(samples.max(1.0))) }
+        Prospect { samples: wanted, now: (samples, spread / rate.power(samples.max(1.0))) }
     }
 }
 
@@ -101,10 +100,10 @@ pub fn worth(estimate: &Estimate, target: ErrorTarget) -> f64 {
     blocks(estimate, target.metric, |_, _| true, &mut take);
     let allowed = goal * pixels.len() as f64;
     let is_enough = |root: f64| -> bool {
-        let factor = libm::pow(root, rate.value());
+        let factor = libm::pow(root, rate.value()) / rate.value();
         let left = |pixel: &Prospect| {
             let (samples, error) = pixel.now;
-            if pixel.samples > samples * root { pixel.left * factor } else { error }
+            if pixel.samples > samples * root { pixel.samples * factor } else { error }
         };
         // Sums of the same numbers in the same order, whoever adds them.
         let parts: Vec<f64> =
@@ -113,11 +112,11 @@ pub fn worth(estimate: &Estimate, target: ErrorTarget) -> f64 {
     };
     // The root, between where all pixels get more than they have, and where none does.
     let (sum, mut high) =
-        pixels.iter().fold((0.0, 0.0), |(sum, most): (f64, f64), p| (sum + p.left, most.max(p.samples)));
+        pixels.iter().fold((0.0, 0.0), |(sum, most): (f64, f64), p| (sum + p.samples, most.max(p.samples)));
     if sum == 0.0 {
         return 0.0;
     }
-    let mut low = libm::pow(allowed / sum, 1.0 / rate.value());
+    let mut low = libm::pow(rate.value() * allowed / sum, 1.0 / rate.value());
     while high > 1.001 * low {
         let middle = low.sqrt() * high.sqrt();
         if is_enough(middle) { low = middle } else { high = middle }

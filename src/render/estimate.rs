@@ -28,7 +28,9 @@ pub struct Estimate {
     cells: HugeArray<Cell>,
     /// Of each cell Σ n_b m_b² and the number of batches; empty where nobody asks for variances.
     squares: Vec<([f64; 3], u32)>,
-    /// Of each cell, after a first round that tells them; else empty.
+    /// Whether the first round shall tell the rate.
+    finds_rate: bool,
+    /// Of each cell, right after a first round that tells them; else empty.
     halvings: Vec<Halving>,
     /// By which squared errors of pixels fall.
     rate: Rate,
@@ -118,6 +120,7 @@ impl Estimate {
             negative_mass,
             cells,
             squares: Vec::new(),
+            finds_rate: false,
             halvings: Vec::new(),
             rate: Rate::default(),
             features: Vec::new(),
@@ -127,6 +130,12 @@ impl Estimate {
     /// Wants variances to be known.
     pub fn with_variances(mut self) -> Self {
         self.squares = vec![Default::default(); self.cells.len()];
+        self
+    }
+
+    /// Wants the first round to tell the [`rate`], for samples that are spread evenly.
+    pub fn with_rate(mut self) -> Self {
+        self.finds_rate = true;
         self
     }
 
@@ -146,7 +155,7 @@ impl Estimate {
         let lights = planes * round.batches as usize;
         let all = lights + if self.features.is_empty() { 0 } else { PLANES };
         let width = self.area.width() as usize;
-        let tells = round.first == 0 && round.batches as usize == QUARTERS && !self.squares.is_empty();
+        let tells = self.finds_rate && round.first == 0 && round.batches as usize == QUARTERS;
         self.halvings = vec![Halving::default(); if tells { self.cells.len() } else { 0 }];
         let mut squares = self.squares.chunks_mut(width * planes);
         let mut halvings = self.halvings.chunks_mut(width * planes);
@@ -170,7 +179,7 @@ impl Estimate {
         });
     }
 
-    /// Finds the [`rate`] of samples that are spread evenly, right after a first round of [`QUARTERS`] batches; the errors that are told from then on go by it.
+    /// Finds the [`rate`] where it is wanted, right after a first round of [`QUARTERS`] batches; the errors that are told from then on go by it.
     /// On the current rayon pool.
     pub fn find_rate(&mut self, metric: ErrorMetric) {
         if self.halvings.is_empty() {

@@ -21,7 +21,7 @@ const TRUSTED: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub struct Rate {
     value: f64,
-    /// `powers[n]` is n^rate.
+    /// `powers[n]` is n^rate; empty where that is n.
     powers: Vec<f64>,
 }
 
@@ -41,6 +41,7 @@ impl Rate {
     pub fn power(&self, n: f64) -> f64 {
         match self.powers.get(n as usize) {
             Some(&power) if n == f64::from(n as u32) => power,
+            _ if self.value == INDEPENDENT => n,
             _ => libm::pow(n, self.value),
         }
     }
@@ -49,7 +50,7 @@ impl Rate {
 impl Default for Rate {
     /// That of independent samples.
     fn default() -> Self {
-        Rate::new(INDEPENDENT)
+        Rate { value: INDEPENDENT, powers: Vec::new() }
     }
 }
 
